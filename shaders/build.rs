@@ -75,10 +75,10 @@ fn rust_type(wgsl: &str) -> String {
         return format!("[{number}; 3]");
     }
     match of("array<").and_then(|inner: &str| inner.rsplit_once(", ")) {
-        Some((item, count)) if count.starts_with(|first: char| first.is_ascii_digit()) => {
-            format!("[{}; {count}]", rust_type(item))
+        Some((element, count)) if count.starts_with(|first: char| first.is_ascii_digit()) => {
+            format!("[{}; {count}]", rust_type(element))
         }
-        Some((item, count)) => format!("[{}; {count} as usize]", rust_type(item)),
+        Some((element, count)) => format!("[{}; {count} as usize]", rust_type(element)),
         None => wgsl.to_owned(),
     }
 }

@@ -13,7 +13,7 @@
 //!     *slot = Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0]);
 //! }
 //!
-//! let mask = frame.submit()?.wait()?; // or try_take(), wait_timeout(d)
+//! let mask = frame.submit()?.wait()?; // or try_receive(), wait_timeout(d)
 //! for [a, b] in mask.pairs() {
 //!     println!("boxes {a} and {b} overlap");
 //! }
@@ -56,7 +56,7 @@
 //! | [`Session::frame`] | 24 | boxes in f32, exact |
 //! | [`Session::narrow_frame`] | 12 or 6 | boxes with less [`Precision`]: fewer bytes, some extra pairs, none missed |
 //! | [`Session::sphere_frame`] | 16 | bounding spheres in place of boxes, exact |
-//! | [`Session::scene`] | what changes | scenes that persist: edits in, pairs that began and ended out; few boxes move, or changes are what you need |
+//! | [`Session::scene`] | what changes | persistent scenes: edits in, pairs that began and ended out; few boxes move, or changes are what you need |
 //! | the same with [margins](SceneOptions::margin) | what leaves its margin | where many boxes move a little |
 //! | the same, [shared](SceneOptions::shared) | what changes | one scene that several processes write, each its own boxes |
 //!
@@ -76,7 +76,7 @@
 //! | feature | default | what it adds |
 //! |---|---|---|
 //! | `daemon` | yes | the transport: sessions with a daemon. Linux only |
-//! | `glam` | no | glam's transforms for [`Transformed`], and pairs of its vectors from boxes. Any version from 0.29 to 0.34: Cargo takes the newest unless told otherwise (`cargo update -p glam@NEWEST --precise YOURS`) |
+//! | `glam` | no | glam's transforms for [`Transformed`], and pairs of its vectors from boxes. Any version from 0.29 to 0.34: Cargo takes the newest unless set otherwise (`cargo update -p glam@NEWEST --precise YOURS`) |
 //! | `mint` | no | the same for mint 0.5 |
 //!
 //! Without `daemon`, sessions answer in process, [`Backend::Auto`] is [`Backend::InProcess`], and
@@ -95,10 +95,10 @@ use pairmask_transport as transport;
 #[cfg(not(feature = "daemon"))]
 use session::link as transport;
 
-/// Which boxes meet: tags, filters and listed pairs. [`pairmask_core::filters`] has the rule and worked examples.
+/// Which boxes meet: filter data, filters and listed pairs. [`pairmask_core::filters`] has the rule and worked examples.
 pub mod filters {
     pub use pairmask_core::filters::{
-        Filter, FilterId, FilterTable, Owner, PairLists, Rules, Tag, World,
+        Filter, FilterData, FilterId, FilterTable, Owner, PairLists, Rules, World,
     };
 
     /// Filters of other engines. [`pairmask_core::filters::engines`] says what the functions take into account, and has

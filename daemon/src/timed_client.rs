@@ -84,7 +84,7 @@ impl Decoding {
         if self.pool.is_some() { par_write_boxes(boxes, out) } else { write_boxes(boxes, out) }
     }
 
-    /// The number of pairs, all of which are visited.
+    /// The number of pairs, all of which are iterated over.
     fn look(&self, mask: &PairMask) -> u64 {
         let (mut count, mut indices) = (0, 0);
         if self.pool.is_some() {
@@ -96,7 +96,7 @@ impl Decoding {
                 indices = pairs.iter().fold(indices, |indices, [a, b]| indices ^ a ^ b);
             });
         }
-        // The compiler keeps the visits for it.
+        // The compiler keeps the iterates over for it.
         black_box(indices);
         count
     }
@@ -110,12 +110,12 @@ pub struct TimedFrame {
     /// Time to borrow memory and write boxes; zero with a margin, where the round trip has it.
     pub fill: Duration,
     pub round_trip: Duration,
-    /// Time to visit every pair of the mask once.
+    /// Time to iterate over every pair of the mask once.
     pub decode: Duration,
 }
 
 impl TimedFrame {
-    /// Visits every pair. The times are those at which the frame began, was filled and was answered.
+    /// Iterates over every pair. The times are those at which the frame began, was filled and was answered.
     pub fn of(
         mask: &PairMask,
         decoding: &Decoding,

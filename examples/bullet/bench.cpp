@@ -4,7 +4,7 @@
 //
 // Prints a line for each scene, number of bodies and broad phase: median times, ms, of a step, and in it of setting
 // boxes and finding pairs. Bullet computes the boxes of shapes in that time: what is left of it with a broad phase
-// that does nothing is told as `none`.
+// that does nothing is reported as `none`.
 #include "pairmask_broadphase.hpp"
 #include "worlds.hpp"
 

@@ -95,13 +95,13 @@ void PairmaskBroadphase::send(Proxy &proxy) {
 void PairmaskBroadphase::destroyProxy(btBroadphaseProxy *given, btDispatcher *dispatcher) {
   auto *proxy = static_cast<Proxy *>(given);
   pairs_->removeOverlappingPairsContainingProxy(proxy, dispatcher);
-  const std::uint32_t place = proxy->changed;
-  if (place != NOWHERE) {
+  const std::uint32_t box_at = proxy->changed;
+  if (box_at != NOWHERE) {
     // The last of the list takes its place.
-    changed_[place] = changed_.back();
-    boxes_[place] = boxes_.back();
-    if (changed_[place] != proxy->index) {
-      proxies_[changed_[place]]->changed = place;
+    changed_[box_at] = changed_.back();
+    boxes_[box_at] = boxes_.back();
+    if (changed_[box_at] != proxy->index) {
+      proxies_[changed_[box_at]]->changed = box_at;
     }
     changed_.pop_back();
     boxes_.pop_back();
@@ -163,31 +163,31 @@ void PairmaskBroadphase::end_pair(std::uint32_t a, std::uint32_t b, btDispatcher
 
 void PairmaskBroadphase::resync(pairmask::Span<const pairmask::Pair> now,
                                 btDispatcher *dispatcher) {
-  next_told_.clear();
+  next_reported_.clear();
   for (const auto [a, b] : now) {
-    next_told_.push_back(key(a, b));
+    next_reported_.push_back(key(a, b));
   }
   std::vector<std::uint64_t> changes;
-  std::set_difference(told_.begin(), told_.end(), next_told_.begin(), next_told_.end(),
+  std::set_difference(reported_.begin(), reported_.end(), next_reported_.begin(), next_reported_.end(),
                       std::back_inserter(changes));
   for (const std::uint64_t pair : changes) {
     end_pair(static_cast<std::uint32_t>(pair >> 32), static_cast<std::uint32_t>(pair), dispatcher);
   }
   changes.clear();
-  std::set_difference(next_told_.begin(), next_told_.end(), told_.begin(), told_.end(),
+  std::set_difference(next_reported_.begin(), next_reported_.end(), reported_.begin(), reported_.end(),
                       std::back_inserter(changes));
   for (const std::uint64_t pair : changes) {
     begin_pair(static_cast<std::uint32_t>(pair >> 32), static_cast<std::uint32_t>(pair));
   }
-  told_.swap(next_told_);
+  reported_.swap(next_reported_);
 }
 
 void PairmaskBroadphase::calculateOverlappingPairs(btDispatcher *dispatcher) {
-  if (!has_changes() && !is_untold_) {
+  if (!has_changes() && !is_unreported_) {
     return;
   }
   const auto answer = commit(PM_REPORT_CHANGES);
-  is_untold_ = false;
+  is_unreported_ = false;
   if (answer.is_resync != 0) {
     resync(answer.pairs(), dispatcher);
   } else {
@@ -199,33 +199,33 @@ void PairmaskBroadphase::calculateOverlappingPairs(btDispatcher *dispatcher) {
     for (const auto [a, b] : begun) {
       begin_pair(a, b);
     }
-    // All three lists are sorted: what was told, without what ended, with what began.
-    next_told_.clear();
+    // All three lists are sorted: what was reported, without what ended, with what began.
+    next_reported_.clear();
     auto end = ended.begin();
     auto next = begun.begin();
-    for (const std::uint64_t pair : told_) {
+    for (const std::uint64_t pair : reported_) {
       while (next != begun.end() && key(next->a, next->b) < pair) {
-        next_told_.push_back(key(next->a, next->b));
+        next_reported_.push_back(key(next->a, next->b));
         ++next;
       }
       if (end != ended.end() && key(end->a, end->b) == pair) {
         ++end;
       } else {
-        next_told_.push_back(pair);
+        next_reported_.push_back(pair);
       }
     }
     for (; next != begun.end(); ++next) {
-      next_told_.push_back(key(next->a, next->b));
+      next_reported_.push_back(key(next->a, next->b));
     }
-    told_.swap(next_told_);
+    reported_.swap(next_reported_);
   }
 }
 
-template <class F> void PairmaskBroadphase::find(const std::vector<pairmask::Box> &boxes, F visit) {
+template <class F> void PairmaskBroadphase::find(const std::vector<pairmask::Box> &boxes, F iterate) {
   if (has_changes()) {
-    // What began and ended by it is told with the next changes.
+    // What began and ended by it is reported with the next changes.
     commit(PM_REPORT_NOTHING);
-    is_untold_ = true;
+    is_unreported_ = true;
   }
   const auto found = scene_.query(boxes).value();
   std::vector<std::uint32_t> indices;
@@ -235,7 +235,7 @@ template <class F> void PairmaskBroadphase::find(const std::vector<pairmask::Box
   std::sort(indices.begin(), indices.end());
   indices.erase(std::unique(indices.begin(), indices.end()), indices.end());
   for (const std::uint32_t index : indices) {
-    visit(proxies_[index].get());
+    iterate(proxies_[index].get());
   }
 }
 

@@ -1,4 +1,4 @@
-// Pairmask as a broad phase of Bullet: boxes go into a scene that persists, pairs that begin and end come out and
+// Pairmask as a broad phase of Bullet: boxes go into a persistent scene, pairs that begin and end come out and
 // into Bullet's pair cache.
 //
 //     PairmaskBroadphase broadphase(pairmask::Session::connect().value());
@@ -35,7 +35,7 @@ public:
                btDispatcher *dispatcher) override;
   void getAabb(btBroadphaseProxy *proxy, btVector3 &low, btVector3 &high) const override;
 
-  // Sends what has changed, and tells the pair cache what began and ended.
+  // Sends what has changed, and informs the pair cache what began and ended.
   void calculateOverlappingPairs(btDispatcher *dispatcher) override;
 
   // Calls back for each box that the ray, with a box around it, hits. The order is by index, not along the ray.
@@ -60,11 +60,11 @@ private:
   bool has_changes() const { return !changed_.empty() || !removed_.empty(); }
   // Sends what has changed, for an answer or for none.
   pairmask::Answer commit(pm_report report);
-  // Calls `visit(proxy)` for the boxes of the scene that some boxes overlap, each once.
-  template <class F> void find(const std::vector<pairmask::Box> &boxes, F visit);
+  // Calls `iterate(proxy)` for the boxes of the scene that some boxes overlap, each once.
+  template <class F> void find(const std::vector<pairmask::Box> &boxes, F iterate);
   void begin_pair(std::uint32_t a, std::uint32_t b);
   void end_pair(std::uint32_t a, std::uint32_t b, btDispatcher *dispatcher);
-  // Turns all pairs of now into those that began and ended, in the order in which they would have been told.
+  // Turns all pairs of now into those that began and ended, in the order in which they would have been reported.
   void resync(pairmask::Span<const pairmask::Pair> now, btDispatcher *dispatcher);
 
   pairmask::Session session_;
@@ -79,11 +79,11 @@ private:
   std::vector<std::uint32_t> changed_;
   std::vector<pairmask::Box> boxes_;
   std::vector<std::uint32_t> removed_;
-  // What queries have sent, and has not been told yet.
-  bool is_untold_ = false;
-  // What the scene has told: pairs of now, whatever filters say, as (a << 32 | b), sorted.
-  std::vector<std::uint64_t> told_;
-  std::vector<std::uint64_t> next_told_;
+  // What queries have sent, and has not been reported yet.
+  bool is_unreported_ = false;
+  // What the scene has reported: pairs of now, regardless of what filters say, as (a << 32 | b), sorted.
+  std::vector<std::uint64_t> reported_;
+  std::vector<std::uint64_t> next_reported_;
 };
 
 #endif

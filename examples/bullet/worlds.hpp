@@ -36,7 +36,7 @@ constexpr const char *name_of(SceneName scene) {
   return names[static_cast<int>(scene)];
 }
 
-// A simulation: the same bodies at the same places, whatever the broad phase.
+// A simulation: the same bodies at the same places, regardless of the broad phase.
 class Simulation {
 public:
   Simulation(btBroadphaseInterface &broadphase, SceneName scene, int bodies)
@@ -48,7 +48,7 @@ public:
     cube_ = std::make_unique<btBoxShape>(btVector3(0.5f, 0.5f, 0.5f));
     ball_ = std::make_unique<btSphereShape>(btScalar(0.5));
     for (int i = 0; i < bodies; i++) {
-      place(i, bodies);
+      box_at(i, bodies);
     }
   }
   ~Simulation() {
@@ -61,9 +61,9 @@ public:
     if (scene_ == SceneName::Movers) {
       // Bodies that come and go, and some that are carried through the others.
       if (steps_ % 7 == 3 && bodies_.size() > 1) {
-        const std::size_t place = 1 + static_cast<std::size_t>(steps_) % (bodies_.size() - 1);
-        world.removeRigidBody(bodies_[place].get());
-        bodies_.erase(bodies_.begin() + static_cast<std::ptrdiff_t>(place));
+        const std::size_t box_at = 1 + static_cast<std::size_t>(steps_) % (bodies_.size() - 1);
+        world.removeRigidBody(bodies_[box_at].get());
+        bodies_.erase(bodies_.begin() + static_cast<std::ptrdiff_t>(box_at));
         add(cube_.get(), 1, btVector3(btScalar(steps_ % 20), 12, btScalar(steps_ % 13)));
       }
       for (std::size_t i = 1; i < bodies_.size(); i += 16) {
@@ -108,7 +108,7 @@ private:
     world.addRigidBody(bodies_.back().get());
   }
 
-  void place(int i, int bodies) {
+  void box_at(int i, int bodies) {
     const int side = static_cast<int>(std::ceil(std::sqrt(bodies / 8.0)));
     const int column = i % (side * side), height = i / (side * side);
     const btScalar x = btScalar(column % side), z = btScalar(column / side), y = btScalar(height);

@@ -1,4 +1,4 @@
-// A scene that persists: a box moves along a row of others, and the scene tells which pairs begin and end.
+// A persistent scene: a box moves along a row of others, and the scene reports which pairs begin and end.
 #include <pairmask.hpp>
 
 #include <cstdio>

@@ -1,4 +1,4 @@
-//! A small physics loop on a scene that persists: boxes fall on a floor, hold each other up, and sleep.
+//! A small physics loop on a persistent scene: boxes fall on a floor, hold each other up, and sleep.
 //!
 //!     falling_boxes [--backend auto|daemon|in-process] [--boxes N] [--frames N]
 

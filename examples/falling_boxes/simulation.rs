@@ -1,4 +1,4 @@
-//! A frame of the simulation: boxes move, the scene tells what changed, contacts push.
+//! A frame of the simulation: boxes move, the scene reports what changed, contacts push.
 
 use pairmask::{Error, Report, Scene, SceneOptions, ServedBy, Session};
 

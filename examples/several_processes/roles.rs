@@ -17,7 +17,7 @@ const DEADLINE: Duration = Duration::from_millis(50);
 /// Boxes that move in a tick: one in so many.
 const MOVING_SHARE: u32 = 10;
 /// A member waits so long for a range of indices, or for the daemon.
-const PATIENCE: Duration = Duration::from_secs(10);
+const TIMEOUT: Duration = Duration::from_secs(10);
 
 fn join(scope: Scope) -> Result<(Session, Scene), Box<dyn Error>> {
     let mut session = Session::builder().backend(Backend::Daemon).connect()?;
@@ -28,7 +28,7 @@ fn join(scope: Scope) -> Result<(Session, Scene), Box<dyn Error>> {
 
 /// Starts all others, kills a writer on the way and starts it again. Ends with the listener.
 pub fn start_all(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
-    // A wrong setup is told here, and not by five processes.
+    // A wrong setup is reported here, and not by five processes.
     drop(join(Scope::All)?);
     let mut listener = start(arguments, &["--listen".into()], Stdio::inherit())?;
     let mut writers = Vec::new();
@@ -76,7 +76,7 @@ fn start(arguments: &Arguments, role: &[String], out: Stdio) -> Result<Process, 
 }
 
 /// Where a box is at a step: on a ring of its own, in a square that all writers share.
-fn place(index: u32, step: u64, boxes: u32) -> Aabb {
+fn box_at(index: u32, step: u64, boxes: u32) -> Aabb {
     let side = (f64::from(boxes * WRITERS)).sqrt().ceil() as u32;
     // Neighbours in space belong to different writers.
     let (writer, own) = (index / boxes, index % boxes);
@@ -95,29 +95,29 @@ pub fn write(arguments: &Arguments, which: u32) -> Result<(), Box<dyn Error>> {
     let start = Instant::now();
     // The range of a writer that was killed is free a moment later.
     while let Err(error) = scene.lease(own.clone()) {
-        if !matches!(error, pairmask::Error::Lease(_)) || start.elapsed() > PATIENCE {
+        if !matches!(error, pairmask::Error::Lease(_)) || start.elapsed() > TIMEOUT {
             return Err(error.into());
         }
         std::thread::sleep(Duration::from_millis(20));
     }
-    let all: Vec<Aabb> = own.clone().map(|index| place(index, 0, boxes)).collect();
+    let all: Vec<Aabb> = own.clone().map(|index| box_at(index, 0, boxes)).collect();
     drop(scene.edit().set_all(own.clone(), &all).commit(Report::Changes)?);
     for step in 1.. {
         let moving: Vec<u32> = own
             .clone()
             .filter(|index| (u64::from(*index) + step).is_multiple_of(u64::from(MOVING_SHARE)))
             .collect();
-        let moved: Vec<Aabb> = moving.iter().map(|index| place(*index, step, boxes)).collect();
+        let moved: Vec<Aabb> = moving.iter().map(|index| box_at(*index, step, boxes)).collect();
         match scene.edit().set_all(&moving, &moved).commit(Report::Changes) {
             Ok(answer) => drop(answer),
-            Err(_) if start.elapsed() < PATIENCE => {}
+            Err(_) if start.elapsed() < TIMEOUT => {}
             Err(error) => return Err(error.into()),
         }
     }
     Ok(())
 }
 
-/// Counts what the ticks tell, and prints a line now and then.
+/// Counts what the ticks report, and prints a line now and then.
 pub fn listen(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let (_session, mut scene) = join(Scope::All)?;
     let (mut pairs, mut begun, mut ended, mut late) = (0u64, 0u64, 0u64, 0u64);
@@ -131,7 +131,7 @@ pub fn listen(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
             pairs + answer.begun().len() as u64 - answer.ended().count() as u64
         };
         if answer.pair_count() != Some(pairs) {
-            return Err(format!("{pairs} pairs counted, {:?} told", answer.pair_count()).into());
+            return Err(format!("{pairs} pairs counted, {:?} reported", answer.pair_count()).into());
         }
         if pairs == 0 {
             // The writers are on their way.

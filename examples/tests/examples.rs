@@ -26,7 +26,7 @@ const FALLING_BOXES: &str = env!("CARGO_BIN_EXE_falling_boxes");
 const SEVERAL_PROCESSES: &str = env!("CARGO_BIN_EXE_several_processes");
 
 /// An example that runs longer than this counts as hanging.
-const PATIENCE: Duration = Duration::from_secs(120);
+const TIMEOUT: Duration = Duration::from_secs(120);
 
 /// The daemon's binary: the path in `PAIRMASKD`, else the binary beside the examples.
 fn pairmaskd() -> PathBuf {
@@ -59,7 +59,7 @@ fn start(binary: &str, arguments: &[&str], dir: &Path) -> Child {
 fn finish(mut child: Child) -> Output {
     let start = Instant::now();
     while child.try_wait().unwrap().is_none() {
-        if start.elapsed() > PATIENCE {
+        if start.elapsed() > TIMEOUT {
             child.kill().unwrap();
             panic!("the example hangs: {:?}", child.wait_with_output());
         }

@@ -49,7 +49,7 @@ pub enum Stage {
     /// Matrix to pairs.
     WriteList,
     Grid(GridStage),
-    /// A stage of scenes that persist.
+    /// A stage of persistent scenes.
     Scene(SceneStage),
     /// Arithmetic that keeps the clocks up.
     Awake,
@@ -107,7 +107,7 @@ pub enum GridStage {
     /// Indices together by cell.
     Scatter,
     /// Boxes to their positions.
-    Place,
+    Slot,
     /// Rows against the cells around them.
     Pairs(Found, Rules),
     /// Spheres against those of the cells around them.
@@ -126,7 +126,7 @@ impl GridStage {
             ObjectForm::Boxes(form) => (Self::Cells(form, rules), Self::Pairs(found, rules)),
             ObjectForm::Spheres => (Self::SphereCells, Self::SpherePairs(found)),
         };
-        [cells, Self::Scan, Self::Scatter, Self::Place, pairs, Self::Write(found, rules)]
+        [cells, Self::Scan, Self::Scatter, Self::Slot, pairs, Self::Write(found, rules)]
     }
 
     const fn has_rules(self) -> bool {
@@ -147,7 +147,7 @@ pub enum SceneStage {
     /// Records to entries and their cells.
     Cells,
     /// Entries to their positions.
-    Place,
+    Slot,
     /// Entries and rows against entries; sums to the host.
     Pairs,
     /// The same for a share of them: other GPUs do the rest.
@@ -169,7 +169,7 @@ impl SceneStage {
         Self::Apply,
         Self::Mark,
         Self::Cells,
-        Self::Place,
+        Self::Slot,
         Self::Pairs,
         Self::SharedPairs,
         Self::Query,
@@ -285,13 +285,13 @@ impl Stage {
             Self::Grid(GridStage::Cells(..) | GridStage::SphereCells) => file!("grid_cells"),
             Self::Grid(GridStage::Scan) => file!("grid_scan"),
             Self::Grid(GridStage::Scatter) => file!("grid_scatter"),
-            Self::Grid(GridStage::Place) => file!("grid_place"),
+            Self::Grid(GridStage::Slot) => file!("grid_slot"),
             Self::Grid(GridStage::Pairs(..) | GridStage::SpherePairs(_)) => file!("grid_pairs"),
             Self::Grid(GridStage::Write(..)) => file!("grid_write"),
             Self::Scene(SceneStage::Apply) => file!("scene_apply"),
             Self::Scene(SceneStage::Mark) => file!("scene_mark"),
             Self::Scene(SceneStage::Cells) => file!("scene_cells"),
-            Self::Scene(SceneStage::Place) => file!("scene_place"),
+            Self::Scene(SceneStage::Slot) => file!("scene_slot"),
             Self::Scene(SceneStage::Pairs | SceneStage::SharedPairs) => file!("scene_pairs"),
             Self::Scene(SceneStage::Query) => file!("scene_query"),
             Self::Scene(SceneStage::QueryRows) => file!("scene_query_rows"),

@@ -46,7 +46,7 @@ constants! {
 
     /// Boxes without a place in a level that share a cell, by index: as few as keep sorting them by
     /// index a matter of one short list.
-    PARKED = 32;
+    UNPLACED_A_CELL = 32;
 
     /// Cells of a workgroup of the scan: eight a thread, two loads of 16 bytes.
     SCAN_CELLS = 8 * BATCH_BOXES;
@@ -76,20 +76,20 @@ constants! {
     /// Pairs of a query that the GPU sorts, at most: each is compared with all others. The host sorts longer rows.
     SORTED_ROW = 256;
 
-    /// What a scene's pair is told as: it began, or why it ended.
-    TOLD_BEGUN = 0;
+    /// What a scene's pair is reported as: it began, or why it ended.
+    REPORT_BEGUN = 0;
     /// A box of it was removed.
-    TOLD_REMOVED = 1;
-    /// A box of it is switched off, or both are static.
-    TOLD_FILTERED = 2;
+    REPORT_REMOVED = 1;
+    /// A box of it is disabled, or both are static.
+    REPORT_FILTERED = 2;
     /// Its boxes overlap no more.
-    TOLD_SEPARATED = 3;
+    REPORT_SEPARATED = 3;
 
     /// A mark of a scene's box: the edit names it.
     MARK_NAMES = 1 << 8;
     /// The edit removes it (and may have set it anew).
     MARK_REMOVES = 1 << 9;
-    /// Its filter data change: its pairs are told as ended and as begun, and the host decides which of them did.
+    /// Its filter data changes: its pairs are reported as ended and as begun, and the host decides which of them did.
     MARK_TOUCHES = 1 << 10;
 
     /// Words of a batch's bitmap, a bit a box.

@@ -25,7 +25,7 @@ fn all_forms() -> Vec<Stage> {
             );
         }
     }
-    forms.extend([GridStage::Scan, GridStage::Scatter, GridStage::Place].map(Stage::Grid));
+    forms.extend([GridStage::Scan, GridStage::Scatter, GridStage::Slot].map(Stage::Grid));
     forms.extend(SceneStage::ALL.map(Stage::Scene));
     forms.extend([Stage::SphereKeys, Stage::Grid(GridStage::SphereCells)]);
     forms.extend(Found::ALL.map(|found| Stage::Grid(GridStage::SpherePairs(found))));

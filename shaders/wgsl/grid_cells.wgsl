@@ -2,8 +2,8 @@
 //
 // One workgroup a batch, one box a thread. A box's level is the finest on which it spans at most two
 // cells on each axis; what spans more on all of them is a giant. Giants, and boxes that overlap
-// nothing, get cells by their index: PARKED consecutive boxes share one. Counting a box in its cell
-// gives it a slot there, in whatever order threads come; `grid_place` makes an order of it that does
+// nothing, get cells by their index: UNPLACED_A_CELL consecutive boxes share one. Counting a box in its cell
+// gives it a slot there, in any order threads come; `grid_slot` makes an order of it that does
 // not depend on that. Where boxes are of several worlds, each world has cells of its own.
 // Mirror: `mirror/grid_cells.rs`.
 

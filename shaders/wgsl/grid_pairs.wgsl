@@ -33,7 +33,7 @@ var<workgroup> pair_sum: atomic<u32>;
 var<workgroup> compared_sum: atomic<u32>;
 var<workgroup> batch_base: u32;
 // Row in the batch << 24 | items of the row before the word; block; bits.
-var<workgroup> window_places: array<u32, WINDOW_WORDS>;
+var<workgroup> window_slots: array<u32, WINDOW_WORDS>;
 var<workgroup> window_blocks: array<u32, WINDOW_WORDS>;
 var<workgroup> window_bits: array<u32, WINDOW_WORDS>;
 
@@ -45,12 +45,12 @@ var<private> row_hi: vec3<i32>;
 // The word at hand, items that the row had before it, and pairs and tests of the row.
 var<private> block: u32;
 var<private> bits: u32;
-var<private> item_count: u32;
+var<private> entry_count: u32;
 var<private> pair_count: u32;
 var<private> compared: u32;
 // Second time: the row's items go to here in the block of found items, at once.
 var<private> again: bool;
-var<private> place: u32;
+var<private> slot: u32;
 
 #import row_object
 fn finish_word() {
@@ -59,23 +59,23 @@ fn finish_word() {
         return;
     }
     if (again) {
-        store_word(place + item_count, row, row_lane, block, bits);
+        store_word(slot + entry_count, row, row_lane, block, bits);
     } else {
         let at = atomicAdd(&words_seen, 1u);
         if (at < WINDOW_WORDS) {
-            window_places[at] = (row_lane << 24u) | item_count;
+            window_slots[at] = (row_lane << 24u) | entry_count;
             window_blocks[at] = block;
             window_bits[at] = bits;
         }
     }
-    item_count += items_of(bits);
+    entry_count += entries_of(bits);
     pair_count += countOneBits(bits);
     bits = 0u;
 }
 
 // Tests the row against the positions start .. end.
 fn test_run(start: u32, table_end: u32) {
-    // Whatever the table holds, a run ends.
+    // Regardless of what the table holds, a run ends.
     let end = min(table_end, params.n);
     compared += max(end, start) - start;
     if (compared > params.row_tests) {
@@ -138,7 +138,7 @@ fn test_level(index: u32, is_own: bool) {
 fn test_row(own_level: u32) {
     block = 0xffffffffu;
     bits = 0u;
-    item_count = 0u;
+    entry_count = 0u;
     pair_count = 0u;
     compared = 0u;
     var levels = atomicLoad(&used_levels) & (0xffffffffu << own_level);
@@ -180,7 +180,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     row = batch_row + lane;
     row_lane = lane;
     again = false;
-    item_count = 0u;
+    entry_count = 0u;
     var own_level = NO_LEVEL;
     if (row < params.n && within_budget) {
         let a = sorted[2u * row];
@@ -201,22 +201,22 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
             atomicAdd(&compared_sum, compared);
         }
     }
-    let own = item_count;
+    let own = entry_count;
 
     scan[lane] = own;
     workgroupBarrier();
     sum_up(lane);
-    let batch_items = scan[BATCH_BOXES - 1u];
+    let batch_entries = scan[BATCH_BOXES - 1u];
     let own_start = scan[lane] - own;
     note_row(own_start);
     if (lane == 0u) {
         var base = 0u;
-        if (batch_items != 0u) {
-            base = atomicAdd(&control[CURSOR], batch_items);
-            atomicAdd(&control[SUPERS + batch / SUPER_BATCHES], batch_items);
+        if (batch_entries != 0u) {
+            base = atomicAdd(&control[CURSOR], batch_entries);
+            atomicAdd(&control[SUPERS + batch / SUPER_BATCHES], batch_entries);
         }
         batch_base = base;
-        totals[batch].items = batch_items;
+        totals[batch].entries = batch_entries;
         totals[batch].pairs = atomicLoad(&pair_sum);
         totals[batch].compared = atomicLoad(&compared_sum);
         totals[batch].base = base;
@@ -224,24 +224,24 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     workgroupBarrier();
     let base = batch_base;
     // Items that do not fit are counted only: the host comes back with room for all.
-    if (batch_items == 0u || base > params.capacity || batch_items > params.capacity - base) {
+    if (batch_entries == 0u || base > params.capacity || batch_entries > params.capacity - base) {
         return;
     }
     let batch_words = atomicLoad(&words_seen);
     if (batch_words <= WINDOW_WORDS) {
         for (var i = lane; i < batch_words; i += BATCH_BOXES) {
-            let of_lane = window_places[i] >> 24u;
+            let of_lane = window_slots[i] >> 24u;
             var before = 0u;
             if (of_lane > 0u) {
                 before = scan[of_lane - 1u];
             }
-            let at = base + before + (window_places[i] & 0xffffffu);
+            let at = base + before + (window_slots[i] & 0xffffffu);
             let of_row = batch_row + of_lane;
             store_word(at, of_row, of_lane, window_blocks[i], window_bits[i]);
         }
     } else if (own != 0u) {
         again = true;
-        place = base + own_start;
+        slot = base + own_start;
         test_row(own_level);
     }
 }

@@ -1,5 +1,5 @@
 // grid_scatter: the indices of each cell's boxes together, in the order of their slots.
-// Mirror: none; `grid_place` makes the order that the mirror has.
+// Mirror: none; `grid_slot` makes the order that the mirror has.
 
 #import constants
 #import grid_params

@@ -15,7 +15,7 @@
 
 struct GridSummary {
     // 64 bits each, low span first.
-    items: vec2<u32>,
+    entries: vec2<u32>,
     pairs: vec2<u32>,
     compared: vec2<u32>,
     empty: u32,
@@ -56,13 +56,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     var earlier = 0u;
     var total = 0u;
     for (var i = lane; i < params.super_count; i += BATCH_BOXES) {
-        let items = control[SUPERS + i];
-        total += items;
-        earlier += select(0u, items, i < super_batch);
+        let entries = control[SUPERS + i];
+        total += entries;
+        earlier += select(0u, entries, i < super_batch);
     }
     let in_super = super_batch * SUPER_BATCHES + lane;
     if (in_super < batch) {
-        earlier += totals[in_super].items;
+        earlier += totals[in_super].entries;
     }
     if (earlier != 0u) {
         atomicAdd(&earlier_sum, earlier);
@@ -74,15 +74,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
 
     let first = atomicLoad(&earlier_sum);
     let base = totals[batch].base;
-    let items = totals[batch].items;
+    let entries = totals[batch].entries;
     // All or nothing: the host comes back where there is no room for all. (A total beyond 32 bits
     // may look small here, but then some batch did not fit, and the host has the true one.)
-    let all_items = atomicLoad(&total_sum);
-    if (all_items <= params.capacity && base <= all_items && items <= all_items - base) {
-        write_items(lane, base, first, items, all_items);
+    let all_entries = atomicLoad(&total_sum);
+    if (all_entries <= params.capacity && base <= all_entries && entries <= all_entries - base) {
+        write_entries(lane, base, first, entries, all_entries);
     }
     let thread = batch * BATCH_BOXES + lane;
-    tell_worlds(thread, first);
+    report_worlds(thread, first);
     let thread_count = params.batch_count * BATCH_BOXES;
     for (var i = thread; i < params.sum_count; i += thread_count) {
         control[SUMS + i] = 0u;
@@ -104,21 +104,21 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         table[grid.first_giant] = 0u;
         table[grid.first_nothing] = 0u;
     }
-    var item_sum = vec2<u32>(0u);
+    var entry_sum = vec2<u32>(0u);
     var pair_sum = vec2<u32>(0u);
     var compared_sum = vec2<u32>(0u);
     var empty = 0u;
     var invalid = 0u;
     for (var i = lane; i < params.batch_count; i += BATCH_BOXES) {
         let one = totals[i];
-        item_sum = add64(item_sum, vec2<u32>(one.items, 0u));
+        entry_sum = add64(entry_sum, vec2<u32>(one.entries, 0u));
         pair_sum = add64(pair_sum, vec2<u32>(one.pairs, 0u));
         compared_sum = add64(compared_sum, vec2<u32>(one.compared, 0u));
         empty += one.empty;
         invalid += one.invalid;
     }
-    sums[0][lane] = item_sum.x;
-    sums[1][lane] = item_sum.y;
+    sums[0][lane] = entry_sum.x;
+    sums[1][lane] = entry_sum.y;
     sums[2][lane] = pair_sum.x;
     sums[3][lane] = pair_sum.y;
     sums[4][lane] = compared_sum.x;
@@ -141,7 +141,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         }
     }
     if (lane == 0u) {
-        summary.items = vec2<u32>(sums[0][0], sums[1][0]);
+        summary.entries = vec2<u32>(sums[0][0], sums[1][0]);
         summary.pairs = vec2<u32>(sums[2][0], sums[3][0]);
         summary.compared = vec2<u32>(sums[4][0], sums[5][0]);
         summary.empty = sums[6][0];

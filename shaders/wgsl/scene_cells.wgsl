@@ -56,7 +56,7 @@ fn is_wide(level: u32, low: vec3<f32>, high: vec3<f32>) -> bool {
 
 // Counts an entry in its cell, and sets its bits of the filter.
 fn home(index: u32, kinds: u32, level: u32, low: vec3<f32>, high: vec3<f32>) -> vec4<u32> {
-    var cell = grid.first_giant + index / PARKED;
+    var cell = grid.first_giant + index / UNPLACED_A_CELL;
     if (level < grid.level_count) {
         let first = cells_of(grid.levels[level], low);
         cell = cell_at(grid.levels[level], first);
@@ -118,7 +118,7 @@ fn main(
             let is = colliding(now[2u * index], b);
             if (params.mode == MODE_CHANGES && has_changed(b)) {
                 let was = colliding(then[2u * index], then[2u * index + 1u]);
-                if ((bitcast<u32>(b.w) & (PRESENT | OFF)) == PRESENT) {
+                if ((bitcast<u32>(b.w) & (PRESENT | DISABLED)) == PRESENT) {
                     atomicAdd(&moved_count, 1u);
                     if (is.is_static) {
                         atomicAdd(&moved_static_count, 1u);

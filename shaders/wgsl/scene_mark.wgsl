@@ -8,7 +8,7 @@
 
 @group(0) @binding(0) var<storage, read> params: SceneParams;
 // Index, and the flags that it has from now on; above them MARK_NAMES, and MARK_REMOVES or MARK_TOUCHES, which both
-// have pairs of the box told as ended and as begun.
+// have pairs of the box reported as ended and as begun.
 @group(0) @binding(1) var<storage, read> marks: array<vec2<u32>>;
 @group(0) @binding(2) var<storage, read_write> now: array<vec4<i32>>;
 @group(0) @binding(3) var<storage, read_write> then: array<vec4<i32>>;

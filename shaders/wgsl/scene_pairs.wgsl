@@ -1,8 +1,8 @@
-// scene_pairs: of the boxes around each other (`scene_search`), those pairs that an edit tells.
+// scene_pairs: of the boxes around each other (`scene_search`), those pairs that an edit reports.
 //
 // A pair is looked at where hulls overlap, and decided by what both boxes were and are. Each of the two,
-// then and now, has one entry that stands for it, so no pair is told twice.
-// Mirror: none; what comes of it is what `pairmask_core::scene` tells.
+// then and now, has one entry that stands for it, so no pair is reported twice.
+// Mirror: none; what comes of it is what `pairmask_core::scene` reports.
 
 #import scene_search
 
@@ -14,17 +14,17 @@ fn entries_look() -> bool {
 }
 
 // Whether two entries or rows are worth a look at their records.
-fn may_be_told(one_name: u32, other_name: u32) -> bool {
+fn may_be_reported(one_name: u32, other_name: u32) -> bool {
     return true;
 }
 
-// A pair by its smaller index and its larger one; a change as larger index << 2 | what is told of it.
-fn tell_change(index: u32, other: u32, what: u32) {
+// A pair by its smaller index and its larger one; a change as larger index << 2 | what is reported of it.
+fn report_change(index: u32, other: u32, what: u32) {
     var larger = max(index, other);
     if (params.mode == MODE_CHANGES) {
         larger = (larger << 2u) | what;
     }
-    tell(vec2<u32>(min(index, other), larger));
+    report(vec2<u32>(min(index, other), larger));
 }
 
 // Decides a candidate by its records.
@@ -40,7 +40,7 @@ fn decide(one_name: u32, other_name: u32) {
     if (params.mode != MODE_CHANGES) {
         let is_named = ((one_name | other_name) >> KINDS_SHIFT) & THEN;
         if (has && (params.mode == MODE_ALL || is_named != 0u)) {
-            tell_change(i, j, TOLD_BEGUN);
+            report_change(i, j, REPORT_BEGUN);
         }
         return;
     }
@@ -59,17 +59,17 @@ fn decide(one_name: u32, other_name: u32) {
     let other_flags = select(0u, bitcast<u32>(other_b.w), other_changed);
     let is_replaced = ((one_flags | other_flags) & REMOVED) != 0u;
     if (had && (both & THEN) != 0u && (!has || is_replaced)) {
-        let is_off = ((bitcast<u32>(one_b.w) | bitcast<u32>(other_b.w)) & OFF) != 0u;
-        var reason = TOLD_SEPARATED;
+        let is_disabled = ((bitcast<u32>(one_b.w) | bitcast<u32>(other_b.w)) & DISABLED) != 0u;
+        var reason = REPORT_SEPARATED;
         if (is_replaced) {
-            reason = TOLD_REMOVED;
-        } else if (is_off || (one.is_static && other.is_static)) {
-            reason = TOLD_FILTERED;
+            reason = REPORT_REMOVED;
+        } else if (is_disabled || (one.is_static && other.is_static)) {
+            reason = REPORT_FILTERED;
         }
         atomicAdd(&ended_sum, 1u);
-        tell_change(i, j, reason);
+        report_change(i, j, reason);
     }
     if (has && (both & NOW) != 0u && (!had || is_replaced)) {
-        tell_change(i, j, TOLD_BEGUN);
+        report_change(i, j, REPORT_BEGUN);
     }
 }

@@ -29,7 +29,7 @@ var<private> tested: u32;
 
 // Tests the query against the positions start .. end.
 fn test_run(start: u32, table_end: u32, step: u32) {
-    // Whatever the table holds, a run ends.
+    // Regardless of what the table holds, a run ends.
     let end = min(table_end, params.entry_capacity);
     let length = (max(end, start) - start + step - 1u) / step;
     tested += length;
@@ -42,7 +42,7 @@ fn test_run(start: u32, table_end: u32, step: u32) {
             let b = sorted[2u * p + 1u];
             if (all(row_lo.yz <= b.xy)) {
                 atomicAdd(&pair_counts[own], 1u);
-                tell(vec2<u32>(number, bitcast<u32>(b.z) & INDEX_MASK));
+                report(vec2<u32>(number, bitcast<u32>(b.z) & INDEX_MASK));
             }
         }
     }

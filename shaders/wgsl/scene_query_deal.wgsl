@@ -21,9 +21,9 @@ fn main(
     let count = select(control[FOUND], 0u, control[FOUND + 1u] != 0u || control[FOUND] > params.pair_capacity);
     for (var i = group.x * BATCH_BOXES + lane; i < count; i += groups.x * BATCH_BOXES) {
         let one = unsorted[i];
-        let place = atomicAdd(&starts[min(one.x, params.query_count - 1u)], 1u);
-        if (place < params.pair_capacity) {
-            rows[place] = one;
+        let slot = atomicAdd(&starts[min(one.x, params.query_count - 1u)], 1u);
+        if (slot < params.pair_capacity) {
+            rows[slot] = one;
         }
     }
 }

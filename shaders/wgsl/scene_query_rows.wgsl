@@ -19,16 +19,16 @@ fn entries_look() -> bool {
     return atomicLoad(&control[MOVED]) != 0u;
 }
 
-fn may_be_told(one_name: u32, other_name: u32) -> bool {
+fn may_be_reported(one_name: u32, other_name: u32) -> bool {
     return is_query(one_name) != is_query(other_name);
 }
 
-// Tells a pair: the number of the query, the index of the box. Counts it for the query.
+// Reports a pair: the number of the query, the index of the box. Counts it for the query.
 fn decide(one_name: u32, other_name: u32) {
     let is_first = is_query(one_name);
     let query = select(other_name, one_name, is_first) & INDEX_MASK;
     let index = select(one_name, other_name, is_first) & INDEX_MASK;
     let number = query - params.set_first;
     atomicAdd(&counts[number], 1u);
-    tell(vec2<u32>(number, index));
+    report(vec2<u32>(number, index));
 }

@@ -26,16 +26,16 @@ fn main(
         let one = rows[i];
         let query = min(one.x, params.query_count - 1u);
         let length = counts[query];
-        var place = i;
+        var slot = i;
         if (length <= SORTED_ROW) {
             let start = ends[query] - length;
-            place = start;
+            slot = start;
             for (var j = start; j < start + length; j++) {
-                place += select(0u, 1u, rows[j].y < one.y);
+                slot += select(0u, 1u, rows[j].y < one.y);
             }
         }
-        if (place < params.pair_capacity) {
-            found[place] = one;
+        if (slot < params.pair_capacity) {
+            found[slot] = one;
         }
     }
 }

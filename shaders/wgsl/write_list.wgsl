@@ -2,7 +2,7 @@
 //
 // One workgroup a batch of rows, a window of its words at a time (`band_words`). A second scan gives
 // each word of the window the number of its first pair, so that each thread takes a place in the reply
-// and looks for its pair: neighbouring lanes write neighbouring pairs over the link, whatever words they
+// and looks for its pair: neighbouring lanes write neighbouring pairs over the link, regardless of what words they
 // are of. Pairs past the capacity are not written, only counted, and the host comes back with room for
 // all.
 
@@ -19,7 +19,7 @@ const LANE_WORDS: u32 = WINDOW_WORDS / BATCH_BOXES;
 // Pairs of the window before each of its words.
 var<workgroup> window_starts: array<u32, WINDOW_WORDS>;
 
-fn items_of(batch: BatchTotals) -> u32 {
+fn entries_of(batch: BatchTotals) -> u32 {
     return batch.pairs;
 }
 
@@ -73,12 +73,12 @@ fn word_of(number: u32, used: u32) -> u32 {
 
 // What is left of a search for a set bit.
 struct BitSearch {
-    // The bits from `place` on.
+    // The bits from `slot` on.
     bits: u32,
     // Set bits among them before the one that is looked for.
     before: u32,
     // Bits passed over.
-    place: u32,
+    slot: u32,
 }
 
 // Passes over the next `width` bits if the one that is looked for is not among them.
@@ -87,7 +87,7 @@ fn nearer_bit(search: BitSearch, width: u32) -> BitSearch {
     if (search.before < below) {
         return search;
     }
-    return BitSearch(search.bits >> width, search.before - below, search.place + width);
+    return BitSearch(search.bits >> width, search.before - below, search.slot + width);
 }
 
 // Place of the set bit of `bits` that `before` set bits come before.
@@ -96,7 +96,7 @@ fn bit_of(bits: u32, before: u32) -> u32 {
     search = nearer_bit(search, 8u);
     search = nearer_bit(search, 4u);
     search = nearer_bit(search, 2u);
-    return nearer_bit(search, 1u).place;
+    return nearer_bit(search, 1u).slot;
 }
 
 @compute @workgroup_size(BATCH_BOXES)
@@ -111,12 +111,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         // The first lane starts at a line of the reply.
         let skew = base % LINE_PAIRS;
         for (var i = lane; i < skew + pairs; i += BATCH_BOXES) {
-            let place = base - skew + i;
-            if (i >= skew && place < params.capacity) {
+            let slot = base - skew + i;
+            if (i >= skew && slot < params.capacity) {
                 let word = word_of(i - skew, used);
                 let address = address_of(group.x, word);
                 let bit = bit_of(window_bits[word], i - skew - window_starts[word]);
-                out_pairs[place] = vec2<u32>(address.x, 32u * address.y + bit);
+                out_pairs[slot] = vec2<u32>(address.x, 32u * address.y + bit);
             }
         }
         base += pairs;

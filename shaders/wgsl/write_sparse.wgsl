@@ -15,7 +15,7 @@
 @group(0) @binding(5) var<storage, read_write> out_blocks: array<u32>;
 @group(0) @binding(6) var<storage, read_write> out_bits: array<u32>;
 
-fn items_of(batch: BatchTotals) -> u32 {
+fn entries_of(batch: BatchTotals) -> u32 {
     return batch.words;
 }
 
@@ -28,12 +28,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         workgroupBarrier();
         let used = min(batch_words - window, WINDOW_WORDS);
         for (var i = lane; i < used; i += BATCH_BOXES) {
-            let place = base + window + i;
-            if (place < params.capacity) {
+            let slot = base + window + i;
+            if (slot < params.capacity) {
                 let address = address_of(group.x, i);
-                out_rows[place] = address.x;
-                out_blocks[place] = address.y;
-                out_bits[place] = window_bits[i];
+                out_rows[slot] = address.x;
+                out_blocks[slot] = address.y;
+                out_bits[slot] = window_bits[i];
             }
         }
         workgroupBarrier();

@@ -2,7 +2,7 @@
 //!
 //! Each row has two ways to the same pairs, or to a scene and its filtered part, in turns; the ratio is
 //! that of the medians, below 1 in favour of the first. Beside each median stand the quartiles. All pairs
-//! are visited. Each way has a session of its own, which culls each frame anew.
+//! are iterated over. Each way has a session of its own, which culls each frame anew.
 //!
 //! * `worlds`: boxes of 4,096 worlds that lie over one another, against one world in which they lie side by
 //!   side, with as many boxes and pairs.
@@ -15,9 +15,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Parser;
-use pairmask_core::filters::{Filter, FilterId, FilterTable, Rules, Tag, World};
+use pairmask_core::filters::{Filter, FilterData, FilterId, FilterTable, Rules, World};
 use pairmask_tests::frames::filtered;
-use pairmask_tests::measure::{self, percentile, print_row, visit};
+use pairmask_tests::measure::{self, iterate, percentile, print_row};
 use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::scene::Random;
@@ -67,7 +67,7 @@ impl Way {
         Ok(Self { session: builder.answer_repeats(false).connect()?, times: Vec::new() })
     }
 
-    /// Answers a frame and visits its pairs: ns, and how many pairs.
+    /// Answers a frame and iterates over its pairs: ns, and how many pairs.
     fn answer(
         &mut self,
         boxes: &[Aabb],
@@ -79,7 +79,7 @@ impl Way {
         let begin = Instant::now();
         let pending = frame.submit_with(&rules.map(filtered).unwrap_or_default())?;
         let mask = pending.wait()?;
-        let count = visit(|each| mask.for_each_slice(each));
+        let count = iterate(|each| mask.for_each_slice(each));
         Ok((begin.elapsed().as_nanos() as u64, count))
     }
 
@@ -121,7 +121,7 @@ fn row(
     }))
 }
 
-/// Boxes of worlds that lie over one another, their tags, and the same boxes with their worlds side by side.
+/// Boxes of worlds that lie over one another, their filter data, and the same boxes with their worlds side by side.
 fn worlds(each: usize) -> (Vec<Aabb>, Arc<Rules>, Vec<Aabb>) {
     let mut random = Random::new(1);
     let (mut over, mut beside, mut rules) = (Vec::new(), Vec::new(), Rules::default());
@@ -133,27 +133,27 @@ fn worlds(each: usize) -> (Vec<Aabb>, Arc<Rules>, Vec<Aabb>) {
         let moved = |point: [f32; 3]| [0, 1, 2].map(|axis| point[axis] + shift[axis]);
         beside.extend(cube.iter().map(|b| Aabb::new(moved(b.min), moved(b.max))));
         over.extend(cube);
-        let tag = Tag::default().with_world(World(world as i32));
-        rules.tags.resize(over.len(), tag);
+        let filter_data = FilterData::default().with_world(World(world as i32));
+        rules.filter_data.resize(over.len(), filter_data);
     }
     (over, Arc::new(rules), beside)
 }
 
 fn rows(options: &Options, daemon: &PrivateDaemon) -> Result<Vec<Value>, Box<dyn Error>> {
-    let wants = |row: &str| options.rows.iter().any(|wanted| wanted == row);
+    let asks_for = |row: &str| options.rows.iter().any(|requested| requested == row);
     let mut rows = Vec::new();
     for each in [32, 256] {
-        if !wants("worlds") && !wants("requests") {
+        if !asks_for("worlds") && !asks_for("requests") {
             break;
         }
         let (over, rules, beside) = worlds(each);
         let name = format!("worlds {WORLDS} x {each}");
         let mut by_world = |way: &mut Way| way.answer(&over, Some(&rules));
         let mut as_one = |way: &mut Way| way.answer(&beside, None);
-        if wants("worlds") {
+        if asks_for("worlds") {
             rows.push(row(&name, options, daemon, &mut by_world, &mut as_one)?);
         }
-        if each == 32 && wants("requests") {
+        if each == 32 && asks_for("requests") {
             let name = format!("requests {WORLDS} x {each}");
             let mut requests = |way: &mut Way| {
                 let (mut ns, mut pairs) = (0, 0);
@@ -177,20 +177,20 @@ fn rows(options: &Options, daemon: &PrivateDaemon) -> Result<Vec<Value>, Box<dyn
         let mut rules = Rules::default();
         rules.table = FilterTable::new(&kinds)?;
         let mut random = Random::new(3);
-        rules.tags = (0..n)
+        rules.filter_data = (0..n)
             .map(|_| FilterId((random.unit() * KINDS as f32) as u16))
-            .map(|id| Tag::default().with_filter(id))
+            .map(|id| FilterData::default().with_filter(id))
             .collect();
         let rules = Arc::new(rules);
         let mut filtered = |way: &mut Way| way.answer(&boxes, Some(&rules));
         let mut without = |way: &mut Way| way.answer(&boxes, None);
-        if wants("filtered") {
+        if asks_for("filtered") {
             let name = format!("filtered {n}");
             rows.push(row(&name, options, daemon, &mut filtered, &mut without)?);
         }
         let open = Arc::new(Rules::default());
         let mut with_open = |way: &mut Way| way.answer(&boxes, Some(&open));
-        if wants("rules") {
+        if asks_for("rules") {
             let name = format!("no rules {n}");
             rows.push(row(&name, options, daemon, &mut with_open, &mut without)?);
         }

@@ -43,7 +43,7 @@ fn answered(session: &mut Session, boxes: &[Aabb]) -> Result<Duration, Box<dyn E
     loop {
         match frame(session, boxes) {
             Ok(()) => return Ok(start.elapsed()),
-            Err(error) if start.elapsed() > PATIENCE => return Err(error),
+            Err(error) if start.elapsed() > TIMEOUT => return Err(error),
             Err(_) => std::thread::sleep(RETRY),
         }
     }

@@ -2,7 +2,7 @@
 //! pairs.
 //!
 //! * `queries`: boxes like those of the scene, asked of it in turns of several sets. `ask` is from boxes that
-//!   lie in the client's memory to the answer, so writing them and the round trip; `visit` looks at all pairs.
+//!   lie in the client's memory to the answer, so writing them and the round trip; `iterate` looks at all pairs.
 //!   `first` is the first query, which builds the cells. Of `ask`, `engine` found the pairs, and `publish`
 //!   wrote them into the answer, as that itself says.
 //! * `two sets`: the first boxes of a frame against all others, beside the whole frame, in turns. The ratio is
@@ -14,7 +14,7 @@ use std::time::Instant;
 use clap::Parser;
 use pairmask::FrameOptions;
 use pairmask_tests::frames::two_sets;
-use pairmask_tests::measure::{self, percentile, print_row, visit};
+use pairmask_tests::measure::{self, iterate, percentile, print_row};
 use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::scene::{Scene, SceneName};
@@ -76,30 +76,30 @@ fn ask(
     let begin = Instant::now();
     drop(scene.query(&sets[0])?);
     let first = micros(begin);
-    let (mut asks, mut visits, mut totals, mut pairs) = (vec![], vec![], vec![], 0);
+    let (mut asks, mut iterations, mut totals, mut pairs) = (vec![], vec![], vec![], 0);
     let (mut engines, mut publishes) = (vec![], vec![]);
     for round in 0..WARM_UP + options.rounds {
         let begin = Instant::now();
         let answer = scene.query(&sets[round % SETS])?;
         let asked = micros(begin);
-        visit(|each| answer.for_each_slice(each));
+        iterate(|each| answer.for_each_slice(each));
         let total = micros(begin);
         pairs = answer.count();
         if round >= WARM_UP {
             asks.push(asked);
-            visits.push(total - asked);
+            iterations.push(total - asked);
             totals.push(total);
             let times = answer.mask().info().times;
             engines.push(times.execute_ns as f64 / 1e3);
             publishes.push(times.publish_ns as f64 / 1e3);
         }
     }
-    let [ask, visit, total, engine, publish] =
-        [asks, visits, totals, engines, publishes].map(|times| percentile(&times, 0.5));
+    let [ask, iterate, total, engine, publish] =
+        [asks, iterations, totals, engines, publishes].map(|times| percentile(&times, 0.5));
     Ok(json!({
         "row": "queries", "backend": backend.to_string(), "scene": name.to_string(), "n": n,
         "queries": options.queries, "pairs": pairs, "first_us": first, "ask_us": ask,
-        "visit_us": visit, "total_us": total, "engine_us": engine, "publish_us": publish,
+        "iterate_us": iterate, "total_us": total, "engine_us": engine, "publish_us": publish,
     }))
 }
 
@@ -124,7 +124,7 @@ fn between_and_whole(
             let begin = Instant::now();
             let options = [two_sets(first), FrameOptions::default()];
             let mask = frame.submit_with(&options[who])?.wait()?;
-            visit(|each| mask.for_each_slice(each));
+            iterate(|each| mask.for_each_slice(each));
             let took = micros(begin);
             counts[who] = mask.count();
             if round >= WARM_UP {
@@ -148,7 +148,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         if !options.json {
             let columns = match row["row"].as_str() {
                 Some("queries") => {
-                    "queries pairs first_us ask_us engine_us publish_us visit_us total_us"
+                    "queries pairs first_us ask_us engine_us publish_us iterate_us total_us"
                 }
                 _ => "first pairs between_us whole_us ratio",
             };

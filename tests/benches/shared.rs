@@ -41,7 +41,7 @@ struct Size {
 }
 
 /// Where a box is in a tick: on a lattice, with neighbours of other writers.
-fn place(index: u32, tick: u64, boxes: u32) -> Aabb {
+fn box_at(index: u32, tick: u64, boxes: u32) -> Aabb {
     let side = f64::from(boxes * WRITERS).cbrt().ceil() as u32;
     let cell = index % boxes * WRITERS + index / boxes;
     let shift = 0.3 * (0.37 * tick as f32 + index as f32).sin();
@@ -134,7 +134,7 @@ fn measure(
                     let share = if tick == 0 { 100 } else { share };
                     let indices = moving(own.clone(), tick, share);
                     let moved: Vec<Aabb> =
-                        indices.iter().map(|index| place(*index, tick, boxes)).collect();
+                        indices.iter().map(|index| box_at(*index, tick, boxes)).collect();
                     begins.wait();
                     line.wait(tick);
                     let begin = Instant::now();
@@ -154,7 +154,8 @@ fn measure(
         for tick in 0..ticks + WARM_UP {
             let share = if tick == 0 { 100 } else { share };
             let indices = moving(0..WRITERS * boxes, tick, share);
-            let moved: Vec<Aabb> = indices.iter().map(|index| place(*index, tick, boxes)).collect();
+            let moved: Vec<Aabb> =
+                indices.iter().map(|index| box_at(*index, tick, boxes)).collect();
             begins.wait();
             ends.wait();
             let shared = span.take_us();

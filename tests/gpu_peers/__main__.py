@@ -41,7 +41,7 @@ def parse():
         "--decode-threads",
         type=sizes,
         default=sizes("1,8"),
-        help="threads of Pairmask's client, each number a row; peers' lists are visited by one",
+        help="threads of Pairmask's client, each number a row; peers' lists are iterated over by one",
     )
     parser.add_argument("--commit", help="of this script, where it is run outside its repository")
     return parser.parse_args()
@@ -71,7 +71,7 @@ def peer_rows(contender, files, options):
     command += ["--device", options.device, "--pairmaskd", options.pairmaskd]
     command += ["--frames", options.frames, "--warm-up", options.warm_up]
     command += ["--split-frames", options.split_frames]
-    command += [f"{scene}={path}" for (scene, _), path in files.items()]
+    command += [f"{scene}={path}" for (scene, _), path in files.entries()]
     done = subprocess.run(list(map(str, command)), check=False, stdout=subprocess.PIPE, text=True)
     rows = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
     measured = {(row["scene"], row["n"]) for row in rows}
@@ -86,7 +86,7 @@ def peer_rows(contender, files, options):
 def our_rows(pairmask, files, options):
     """All rows of ours, and the machine as `pairmaskd` names it; None where it answered none."""
     rows, found_machine = [], None
-    for (scene, n), boxes in files.items():
+    for (scene, n), boxes in files.entries():
         for ours in itertools.product(("daemon", "in-process"), options.decode_threads):
             name = report.our_name(*ours)
             found, row = our_row(pairmask, name, ours, scene, n, boxes, options)
@@ -118,7 +118,7 @@ def main():
             for scene in options.scene:
                 files[scene, n] = Path(folder) / f"{scene}-{n}.f32"
                 pairmask.write_scene(scene, n, files[scene, n])
-        order = {setting: place for place, setting in enumerate(files)}
+        order = {setting: slot for slot, setting in enumerate(files)}
         rows, found_machine = our_rows(pairmask, files, options)
         if found_machine is None:
             sys.exit("gpu_peers: Pairmask answered no frame: " + rows[0]["error"])

@@ -91,17 +91,17 @@ def best_peers(peers):
     return [f"Best peer: {names[0]}", *(f"then {name}" for name in names[1:])]
 
 
-def spread(places, step, low, high):
+def spread(slots, step, low, high):
     """Heights for labels in order, at least `step` apart and near where they belong."""
-    order = sorted(range(len(places)), key=lambda i: places[i])
-    heights = [min(max(places[i], low), high) for i in order]
+    order = sorted(range(len(slots)), key=lambda i: slots[i])
+    heights = [min(max(slots[i], low), high) for i in order]
     for i in range(1, len(heights)):
         heights[i] = max(heights[i], heights[i - 1] + step)
     overflow = max(0, heights[-1] - high)
     heights[-1] -= overflow
     for i in range(len(heights) - 2, -1, -1):
         heights[i] = min(heights[i], heights[i + 1] - step)
-    result = [0.0] * len(places)
+    result = [0.0] * len(slots)
     for i, height in zip(order, heights, strict=True):
         result[i] = height
     return result
@@ -128,8 +128,8 @@ def draw(panel, top, decades, sizes):
         return bottom - (math.log10(ms) - first) / (last - first) * PLOT_HEIGHT
 
     parts = [text(8, top + 26, panel.title, size=15, weight=600)]
-    for place, line in enumerate(best_peers(panel.peers)):
-        parts.append(text(8, top + 45 + 16 * place, line, size=12))
+    for slot, line in enumerate(best_peers(panel.peers)):
+        parts.append(text(8, top + 45 + 16 * slot, line, size=12))
     parts.append(text(8, plot_top - 12, "ms a frame (log scale; lower is better)", size=12))
     for decade in range(math.ceil(first), math.floor(last) + 1):
         height = y(10**decade)
@@ -143,8 +143,8 @@ def draw(panel, top, decades, sizes):
         parts.append(text(x(n), bottom + 20, label, "middle"))
     parts.append(text((PLOT_LEFT + PLOT_RIGHT) / 2, bottom + 40, "boxes", "middle", 12))
     ends = []
-    for name, colour in COLOURS.items():
-        points = sorted(panel.lines[name].items())
+    for name, colour in COLOURS.entries():
+        points = sorted(panel.lines[name].entries())
         path = "L".join(f"{x(n):.1f} {y(ms):.1f}" for n, ms in points)
         dash = ' stroke-dasharray="7 4"' if name == "best peer" else ""
         parts.append(f'<path d="M{path}" fill="none" stroke="{colour}" stroke-width="2.5"{dash}/>')
@@ -174,8 +174,8 @@ def chart(panels):
         f'height="{height}" font-family="system-ui, sans-serif" role="img">',
         "<title>Whole frames by number of boxes: Pairmask and the best peer</title>",
     ]
-    for place, panel in enumerate(panels):
-        parts += draw(panel, place * panel_height, decades, sizes)
+    for slot, panel in enumerate(panels):
+        parts += draw(panel, slot * panel_height, decades, sizes)
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 

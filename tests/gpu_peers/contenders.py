@@ -1,7 +1,7 @@
 """The peers: each finds the pairs of boxes in device arrays and appends them to a list.
 
 A list is an array of pairs and a counter. The counter counts every pair; a pair for which the
-array has no room is not written, so that a counter above the capacity tells of lost pairs.
+array has no room is not written, so that a counter above the capacity shows lost pairs.
 """
 
 import warp as wp
@@ -20,9 +20,9 @@ def _query_all(
     j = int(0)
     while wp.bvh_query_next(query, j):
         if i < j:
-            place = wp.atomic_add(count, 0, 1)
-            if place < pairs.shape[0]:
-                pairs[place] = wp.vec2i(i, j)
+            slot = wp.atomic_add(count, 0, 1)
+            if slot < pairs.shape[0]:
+                pairs[slot] = wp.vec2i(i, j)
 
 
 class WarpBvh:

@@ -1,4 +1,4 @@
-"""Timed frames of one peer: boxes in pinned memory → every pair visited by one thread."""
+"""Timed frames of one peer: boxes in pinned memory → every pair iterated over by one thread."""
 
 import sys
 import time
@@ -20,7 +20,7 @@ class Times:
     write: list = field(default_factory=list)
     device: list = field(default_factory=list)
     copy: list = field(default_factory=list)
-    visit: list = field(default_factory=list)
+    iterate: list = field(default_factory=list)
     total: list = field(default_factory=list)
     with_write: list = field(default_factory=list)
 
@@ -45,7 +45,7 @@ class Frames:
         self.np_lower, self.np_upper = self.host_lower.numpy(), self.host_upper.numpy()
         self.np_pairs, self.np_count = self.host_pairs.numpy(), self.host_count.numpy()
         # One number a pair, so that summing them is one pass at the speed of memory.
-        self.np_visited = self.np_pairs.reshape(-1).view(np.int64)
+        self.np_iterated = self.np_pairs.reshape(-1).view(np.int64)
         self.lower = wp.empty(n, dtype=wp.vec3, device=self.device)
         self.upper = wp.empty(n, dtype=wp.vec3, device=self.device)
         self.pairs = wp.empty(capacity, dtype=wp.vec2i, device=self.device)
@@ -116,8 +116,8 @@ class Frames:
             wp.capture_launch(graph)
         self._wait()
 
-    def _visit(self):
-        return int(self.np_visited[: self._found()].sum())
+    def _iterate(self):
+        return int(self.np_iterated[: self._found()].sum())
 
     def whole_frame(self, lower, upper, times=None):
         """A frame with one wait in it."""
@@ -126,7 +126,7 @@ class Frames:
         written = time.perf_counter()
         self._submit(self.whole, lambda: (self._device_part(), self._copy_part()))
         self._copy_rest()
-        self._visit()
+        self._iterate()
         end = time.perf_counter()
         if times is not None:
             times.total.append(end - written)
@@ -142,10 +142,10 @@ class Frames:
         self._submit(self.copy_only, self._copy_part)
         self._copy_rest()
         clock.append(time.perf_counter())
-        self._visit()
+        self._iterate()
         clock.append(time.perf_counter())
         for stage, since, until in zip(
-            (times.write, times.device, times.copy, times.visit), clock[:-1], clock[1:], strict=True
+            (times.write, times.device, times.copy, times.iterate), clock[:-1], clock[1:], strict=True
         ):
             stage.append(until - since)
 

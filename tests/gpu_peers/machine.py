@@ -28,7 +28,7 @@ def _version(package):
 
 
 def _command():
-    """The command line, without the folders of whoever ran it."""
+    """The command line, without the folders of the user who ran it."""
     arguments = [Path(text).name if text.startswith("/") else text for text in sys.argv[1:]]
     return shlex.join(["python3", "tests/gpu_peers", *arguments])
 

@@ -59,7 +59,7 @@ def measure(name, contender, scene_name, boxes, options, pairmask):
         "write_ms": milliseconds(times.write),
         "device_ms": milliseconds(times.device),
         "copy_ms": milliseconds(times.copy),
-        "visit_ms": milliseconds(times.visit),
+        "iterate_ms": milliseconds(times.iterate),
         "total_ms": milliseconds(times.total),
         "total_p90_ms": round(1e3 * float(np.quantile(times.total, 0.9)), 4),
         "with_write_ms": milliseconds(times.with_write),

@@ -20,7 +20,7 @@ class Difference:
 
 
 def keys(pairs):
-    """The sorted numbers of pairs, shape (count, 2), in whatever order each pair stands."""
+    """The sorted numbers of pairs, shape (count, 2), in any order each pair stands."""
     pairs = np.asarray(pairs).reshape(-1, 2).astype(np.uint64)
     low, high = pairs.min(axis=1), pairs.max(axis=1)
     return np.sort((low << np.uint64(32)) | high)

@@ -25,7 +25,7 @@ def our_times(timed):
         "device_ms": ms("round_trip"),
         "engine_ms": ms("engine"),
         "copy_ms": None,
-        "visit_ms": ms("decode"),
+        "iterate_ms": ms("decode"),
         "total_ms": ms("answer"),
         "with_write_ms": ms("total"),
         "error": None,
@@ -53,8 +53,8 @@ def settings(rows):
 
 
 def in_hand_ms(row):
-    """Boxes in place → mask, or list, in hand: the frame without the visiting."""
-    return row["device_ms"] if is_ours(row) else round(row["total_ms"] - row["visit_ms"], 4)
+    """Boxes in place → mask, or list, in hand: the frame without the iterating over."""
+    return row["device_ms"] if is_ours(row) else round(row["total_ms"] - row["iterate_ms"], 4)
 
 
 def ratios(rows):
@@ -156,10 +156,10 @@ def markdown(report):
         "",
         f"`{machine['command']}`",
         "",
-        "Medians, ms. Total: boxes in place (shared memory; pinned memory) → every pair visited by one thread; "
+        "Medians, ms. Total: boxes in place (shared memory; pinned memory) → every pair iterated over by one thread; "
         "writing the boxes there stands beside it, and in the last total. Of Pairmask, device is the round trip, "
         "and there is no copy: the mask lies where the client reads it. Rows with a number of threads have a "
-        "client that visits on as many. "
+        "client that iterates over on as many. "
         "Stages of the peers were timed in frames of their own, with a wait after each.",
         "",
         "## Our time over the best peer's",
@@ -174,7 +174,7 @@ def markdown(report):
             lambda row: f"{row['best_peer'] or '–'} ({number(row['best_peer_ms'])})",
         ),
         "",
-        "## The same without visiting: mask in hand over list in hand",
+        "## The same without iterating over: mask in hand over list in hand",
         "",
         *ratio_table(
             report["ratios"],
@@ -186,7 +186,7 @@ def markdown(report):
     ]
     lines += [
         "",
-        "## Boxes in place → every pair visited",
+        "## Boxes in place → every pair iterated over",
         "",
         "In brackets: pairs were lost, extra or repeated.",
         "",
@@ -194,7 +194,7 @@ def markdown(report):
         "",
         "## All rows",
         "",
-        "| scene | boxes | | write | device | copy | visit | total | with write | pairs |",
+        "| scene | boxes | | write | device | copy | iterate | total | with write | pairs |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
@@ -202,7 +202,7 @@ def markdown(report):
         if row["error"] is not None:
             lines.append(f"{head} – | – | – | – | – | – | {row['error']} |")
             continue
-        stages = ("write_ms", "device_ms", "copy_ms", "visit_ms", "total_ms", "with_write_ms")
+        stages = ("write_ms", "device_ms", "copy_ms", "iterate_ms", "total_ms", "with_write_ms")
         times = " | ".join(number(row[stage]) for stage in stages)
         lines.append(f"{head} {times} | {pairs_cell(row)} |")
     return "\n".join(lines) + "\n"

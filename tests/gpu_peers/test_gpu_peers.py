@@ -72,7 +72,7 @@ def checked(missed):
 
 def row(contender, total_ms, missed=0):
     setting = {"contender": contender, "scene": "uniform", "n": 1000, "error": None}
-    times = dict.fromkeys(("write_ms", "device_ms", "copy_ms", "visit_ms", "with_write_ms"), 0.5)
+    times = dict.fromkeys(("write_ms", "device_ms", "copy_ms", "iterate_ms", "with_write_ms"), 0.5)
     return setting | times | {"total_ms": total_ms, "first": checked(0), "last": checked(missed)}
 
 
@@ -82,10 +82,10 @@ class Report(unittest.TestCase):
     def test_a_peer_that_lost_a_pair_is_not_the_best(self):
         (found,) = report.ratios(self.ROWS)
         self.assertEqual((found["best_peer"], found["ratio"]), ("warp-refit", 0.5))
-        # The mask after 0.5, the list after 4 less the 0.5 of its visit.
+        # The mask after 0.5, the list after 4 less the 0.5 of its iterate over.
         self.assertEqual((found["in_hand_ms"], found["best_peer_in_hand_ms"]), (0.5, 3.5))
 
-    def test_lost_pairs_are_told(self):
+    def test_lost_pairs_are_reported(self):
         machine = dict.fromkeys(
             ("gpu", "driver", "cpu", "cores", "os", "commit", "warp", "newton", "numpy", "python", "command")
         )
@@ -99,10 +99,10 @@ class Report(unittest.TestCase):
 
     def test_our_total_is_the_answer_and_not_the_writing(self):
         stages = {"fill": 5e5, "round_trip": 1e6, "engine": 9e5, "decode": 2e6, "answer": 3.1e6, "total": 3.7e6}
-        timed = {f"{stage}_ns": {"p50": int(ns)} for stage, ns in stages.items()}
+        timed = {f"{stage}_ns": {"p50": int(ns)} for stage, ns in stages.entries()}
         times = report.our_times(timed | {"frames": 40, "engine": "gpu-grid", "decode_threads": 8})
         self.assertEqual((times["total_ms"], times["with_write_ms"], times["write_ms"]), (3.1, 3.7, 0.5))
-        self.assertEqual((times["device_ms"], times["visit_ms"], times["copy_ms"]), (1.0, 2.0, None))
+        self.assertEqual((times["device_ms"], times["iterate_ms"], times["copy_ms"]), (1.0, 2.0, None))
 
     def test_rows_of_ours_are_named_by_backend_and_threads(self):
         self.assertEqual(report.our_name("daemon", 1), "pairmask-daemon")

@@ -7,7 +7,7 @@ use pairmask_transport::RuntimeDir;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
-use crate::command_line::{Place, Program, eventually, finish};
+use crate::command_line::{Program, Sandbox, eventually, finish};
 use crate::frames::two_sets;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,9 +25,9 @@ const FIRST: usize = 10;
 /// The auditor's counts by `status --json` after five frames of 40 objects that all overlap, or queries of so many,
 /// and the daemon's log.
 pub fn audit<P: Program>(encoding: Encoding, shape: Shape) -> (Value, String) {
-    let place = Place::<P>::new();
-    let child = place.command(&["serve", "--audit", "1/1"]).spawn().expect("the daemon starts");
-    let dir = RuntimeDir::at(place.path());
+    let sandbox = Sandbox::<P>::new();
+    let child = sandbox.command(&["serve", "--audit", "1/1"]).spawn().expect("the daemon starts");
+    let dir = RuntimeDir::at(sandbox.path());
     let name = "default".parse().expect("a name");
     eventually("the daemon serves", || dir.read_record(&name));
     let builder = Session::builder().runtime_dir(dir).backend(Backend::Daemon);
@@ -61,12 +61,12 @@ pub fn audit<P: Program>(encoding: Encoding, shape: Shape) -> (Value, String) {
     }
     let frames = 5 + u64::from(scene.is_some());
     let report = eventually("frames are checked", || {
-        let report = place.run(&["status", "--json"]).json();
+        let report = sandbox.run(&["status", "--json"]).json();
         let reported = report["instances"][0]["daemon"]["audit"].clone();
         let count = |field: &str| reported[field].as_u64().expect("a count");
         (count("frames") > 0 && count("frames") + count("skipped") == frames).then_some(reported)
     });
-    let text = place.run(&["status"]).stdout;
+    let text = sandbox.run(&["status"]).stdout;
     let pid = Pid::from_raw(child.id().cast_signed()).expect("not zero");
     kill_process(pid, Signal::TERM).expect("the daemon lives");
     let finished = finish(child, P::NAME);

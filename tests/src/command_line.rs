@@ -17,7 +17,7 @@ use tempfile::TempDir;
 use crate::daemon::within;
 
 /// A process that runs longer than this counts as hanging.
-pub const PATIENCE: Duration = Duration::from_secs(120);
+pub const TIMEOUT: Duration = Duration::from_secs(120);
 
 pub trait Program {
     const BINARY: &str;
@@ -49,18 +49,18 @@ impl Finished {
 }
 
 /// A directory for one test: files, instances, private daemons, configuration.
-pub struct Place<P> {
+pub struct Sandbox<P> {
     dir: TempDir,
     program: PhantomData<P>,
 }
 
-impl<P: Program> Default for Place<P> {
+impl<P: Program> Default for Sandbox<P> {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl<P: Program> Place<P> {
+impl<P: Program> Sandbox<P> {
     pub fn new() -> Self {
         Self { dir: tempfile::tempdir().expect("a temporary directory"), program: PhantomData }
     }
@@ -156,7 +156,7 @@ pub fn finish(mut child: Child, name: &'static str) -> Finished {
         if let Some(status) = child.try_wait().expect("a child of ours") {
             break status;
         }
-        if start.elapsed() > PATIENCE {
+        if start.elapsed() > TIMEOUT {
             child.kill().expect("SIGKILL");
             child.wait().expect("its end");
             panic!("{name} hangs: {:?} {:?}", text(stdout), text(stderr));
@@ -176,7 +176,7 @@ fn collect(stream: Option<impl Read + Send + 'static>) -> JoinHandle<String> {
 }
 
 pub fn eventually<T>(what: &str, check: impl FnMut() -> Option<T>) -> T {
-    within(PATIENCE, what, check)
+    within(TIMEOUT, what, check)
 }
 
 pub fn keys(value: &Value) -> BTreeSet<&str> {
@@ -190,10 +190,10 @@ pub fn names(text: &str) -> BTreeSet<&str> {
 
 /// The commands of a command line that have none below them, with the words that name them.
 pub fn leaves(command: &clap::Command) -> Vec<(String, clap::Command)> {
-    fn visit(command: &clap::Command, path: &str, found: &mut Vec<(String, clap::Command)>) {
+    fn iterate(command: &clap::Command, path: &str, found: &mut Vec<(String, clap::Command)>) {
         for inner in command.get_subcommands().filter(|inner| inner.get_name() != "help") {
             let path = format!("{path} {}", inner.get_name());
-            visit(inner, &path, found);
+            iterate(inner, &path, found);
             if !inner.has_subcommands() {
                 found.push((path.trim_start().to_owned(), inner.clone()));
             }
@@ -201,7 +201,7 @@ pub fn leaves(command: &clap::Command) -> Vec<(String, clap::Command)> {
     }
     let (mut built, mut found) = (command.clone(), Vec::new());
     built.build();
-    visit(&built, "", &mut found);
+    iterate(&built, "", &mut found);
     found
 }
 

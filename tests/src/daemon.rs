@@ -12,10 +12,10 @@ use pairmaskd::spawn::is_opening_gpus;
 use rustix::process::{Pid, Signal, kill_process};
 
 /// A wait that takes longer than this counts as a hang.
-pub const PATIENCE: Duration = Duration::from_secs(30);
+pub const TIMEOUT: Duration = Duration::from_secs(30);
 
 pub fn eventually<T>(what: &str, check: impl FnMut() -> Option<T>) -> T {
-    within(PATIENCE, what, check)
+    within(TIMEOUT, what, check)
 }
 
 pub fn until(what: &str, mut check: impl FnMut() -> bool) {
@@ -56,7 +56,7 @@ pub fn stop(pid: Pid) {
     kill_process(pid, Signal::STOP).expect("a process to stop");
     let threads = format!("/proc/{}/task", pid.as_raw_nonzero());
     let is_stopped = |thread: std::io::Result<std::fs::DirEntry>| {
-        // The state follows the name, which is in brackets. A thread that is gone runs no more.
+        // The state follows the name, which is in brackets. A thread that has ended runs no more.
         let stat = thread.and_then(|thread| std::fs::read_to_string(thread.path().join("stat")));
         stat.map_or(true, |stat| {
             stat.rsplit_once(") ").is_some_and(|(_, state)| state.starts_with('T'))
@@ -68,13 +68,13 @@ pub fn stop(pid: Pid) {
 }
 
 /// As [`eventually`], with another limit.
-pub(crate) fn within<T>(patience: Duration, what: &str, mut check: impl FnMut() -> Option<T>) -> T {
+pub(crate) fn within<T>(timeout: Duration, what: &str, mut check: impl FnMut() -> Option<T>) -> T {
     let start = Instant::now();
     loop {
         if let Some(value) = check() {
             return value;
         }
-        assert!(start.elapsed() < patience, "waited {patience:?} in vain: {what}");
+        assert!(start.elapsed() < timeout, "waited {timeout:?} in vain: {what}");
         std::thread::sleep(Duration::from_millis(5));
     }
 }
@@ -242,7 +242,7 @@ impl TestDaemon {
     fn signal_supervisor(&self, signal: Signal) {
         let supervisor = self.supervisor.as_ref().map(Child::id);
         let pid = supervisor.and_then(|id| Pid::from_raw(i32::try_from(id).ok()?));
-        // One that is gone needs no signal.
+        // One that no longer exists needs no signal.
         let _ = pid.map(|pid| kill_process(pid, signal));
     }
 
@@ -256,11 +256,11 @@ impl TestDaemon {
 
     /// Asks it to end, if it runs, and kills it where it does not in time.
     pub fn stop(&mut self) {
-        // A daemon that is gone already needs no signal.
+        // A daemon that has exited already needs no signal.
         self.signal_supervisor(Signal::TERM);
         let Some(mut supervisor) = self.supervisor.take() else { return };
         let start = Instant::now();
-        while start.elapsed() < PATIENCE && matches!(supervisor.try_wait(), Ok(None)) {
+        while start.elapsed() < TIMEOUT && matches!(supervisor.try_wait(), Ok(None)) {
             std::thread::sleep(Duration::from_millis(5));
         }
         let _ = supervisor.kill();
@@ -269,7 +269,7 @@ impl TestDaemon {
 
     pub fn shared_bytes(&self) -> u64 {
         use std::os::unix::fs::MetadataExt;
-        // Of 512 bytes, whatever the file system's blocks are.
+        // Of 512 bytes, regardless of the file system's blocks.
         let bytes = |file: PathBuf| file.metadata().map_or(0, |data| data.blocks() * 512);
         self.shared_files().into_iter().map(bytes).sum()
     }

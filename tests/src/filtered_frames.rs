@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use pairmask::{FrameOptions, PairMask, Pending, Session};
 use pairmask_core::Aabb;
-use pairmask_core::filters::{Filter, FilterId, FilterTable, Owner, Rules, Tag, World};
+use pairmask_core::filters::{Filter, FilterData, FilterId, FilterTable, Owner, Rules, World};
 use pairmask_core::oracle::{self, Pair};
 
 use crate::frames::{Frames, filtered};
@@ -54,20 +54,23 @@ impl FilteredFrame {
         let mut rules = Rules::default();
         rules.table = FilterTable::new(&filters).expect("few filters");
         ops.push(Op::Filters(filters));
-        // The last boxes have the usual tag, and some tags name a filter that is not in the table.
+        // The last boxes have the usual filter data, and some name a filter that is not in the table.
         for index in 0..(n - n / 9) as u32 {
             let world = World(kind.worlds[rng.below(kind.worlds.len() as u32) as usize]);
-            let mut tag = Tag::default().with_world(world);
+            let mut filter_data = FilterData::default().with_world(world);
             if kind.filters > 0 {
                 let filter = FilterId(rng.below(kind.filters + 1) as u16);
-                tag = Tag::new(world, Owner(rng.below(5)), filter);
-                tag = tag.with_static(rng.below(7) == 0);
+                filter_data = FilterData::new(world, Owner(rng.below(5)), filter);
+                filter_data = filter_data.with_static(rng.below(7) == 0);
             }
-            rules.tags.push(tag);
-            // In a frame a tag says whether its box is static, in a scene a step does.
-            ops.extend([Op::Tag(index, tag), Op::Static(index, tag.is_static())]);
+            rules.filter_data.push(filter_data);
+            // In a frame filter data says whether its box is static, in a scene a step does.
+            ops.extend([
+                Op::FilterData(index, filter_data),
+                Op::Static(index, filter_data.is_static()),
+            ]);
         }
-        rules.tags.resize(n, Tag::default());
+        rules.filter_data.resize(n, FilterData::default());
         for _ in 0..if kind.lists && n > 1 { n } else { 0 } {
             let [a, b] = [0; 2].map(|_| rng.below(n as u32));
             let pair = [a.min(b), a.max(b)];

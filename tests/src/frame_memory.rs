@@ -62,7 +62,7 @@ impl SharedReply {
         let map = || ReadWriteMapping::of_file(&file, 0, bytes).expect("maps");
         let mapping = map();
         let address = mapping.pointer().as_ptr() as usize;
-        // SAFETY: the mapping stays where it is until the reply is dropped, which forgets the import.
+        // SAFETY: the mapping stays where it is until the reply is dropped, which drops the import.
         let import = unsafe { imports.lock().import_replies(gpu, address, bytes) };
         let import = import.unwrap_or_else(|error| panic!("shared memory imports: {error}"));
         (Self { imports: imports.clone(), import, mapping, first: 0 }, Watcher(map()))
@@ -79,7 +79,7 @@ impl SharedReply {
 
 impl Drop for SharedReply {
     fn drop(&mut self) {
-        self.imports.lock().forget(self.import);
+        self.imports.lock().discard(self.import);
     }
 }
 
@@ -102,19 +102,19 @@ pub struct Watcher(ReadWriteMapping);
 
 impl Watcher {
     pub fn fill(&self, word: u32) {
-        for place in 0..self.0.bytes() / 4 {
+        for slot in 0..self.0.bytes() / 4 {
             // SAFETY: within a live mapping, aligned.
-            unsafe { self.word(place).write_volatile(word) };
+            unsafe { self.word(slot).write_volatile(word) };
         }
     }
 
     pub fn is_all(&self, word: u32) -> bool {
         // SAFETY: as in `fill`.
-        (0..self.0.bytes() / 4).all(|place| unsafe { self.word(place).read_volatile() } == word)
+        (0..self.0.bytes() / 4).all(|slot| unsafe { self.word(slot).read_volatile() } == word)
     }
 
-    fn word(&self, place: usize) -> *mut u32 {
+    fn word(&self, slot: usize) -> *mut u32 {
         let first: *mut u32 = self.0.pointer().as_ptr().cast();
-        first.wrapping_add(place)
+        first.wrapping_add(slot)
     }
 }

@@ -24,26 +24,26 @@ pub fn name() -> String {
 
 /// The name of the device at a place of tests that need several: the GPUs that `PAIRMASK_TEST_GPU` lists in turn, by
 /// default the software adapter, so that one adapter serves for all.
-pub fn name_at(place: usize) -> String {
+pub fn name_at(slot: usize) -> String {
     let names = std::env::var("PAIRMASK_TEST_GPU").unwrap_or_else(|_| "software".into());
     let count = names.split(',').count();
-    names.split(',').nth(place % count).unwrap_or_default().trim().to_owned()
+    names.split(',').nth(slot % count).unwrap_or_default().trim().to_owned()
 }
 
 pub fn choice() -> GpuChoice {
     choice_at(0)
 }
 
-pub fn choice_at(place: usize) -> GpuChoice {
-    name_at(place).parse().unwrap_or_default()
+pub fn choice_at(slot: usize) -> GpuChoice {
+    name_at(slot).parse().unwrap_or_default()
 }
 
 pub fn open(host_import: HostImport) -> Arc<Gpu> {
     open_at(0, host_import)
 }
 
-pub fn open_at(place: usize, host_import: HostImport) -> Arc<Gpu> {
-    Gpu::open(&choice_at(place), host_import)
+pub fn open_at(slot: usize, host_import: HostImport) -> Arc<Gpu> {
+    Gpu::open(&choice_at(slot), host_import)
         .unwrap_or_else(|error| panic!("the GPU tests need a Vulkan adapter: {error}"))
 }
 
@@ -55,8 +55,8 @@ pub fn grid(options: &EngineOptions) -> Grid {
     Grid::new(&open(HostImport::IfPossible), options).unwrap_or_else(|error| panic!("{error}"))
 }
 
-pub fn scene_tools(place: usize, options: &EngineOptions) -> Arc<SceneTools> {
-    SceneTools::new(&open_at(place, HostImport::IfPossible), options)
+pub fn scene_tools(slot: usize, options: &EngineOptions) -> Arc<SceneTools> {
+    SceneTools::new(&open_at(slot, HostImport::IfPossible), options)
         .unwrap_or_else(|error| panic!("{error}"))
 }
 
@@ -67,8 +67,7 @@ pub fn shared_tools(gpus: usize) -> Vec<Arc<SceneTools>> {
 
 pub fn executor(gpus: usize) -> Executor {
     let missing = IfMissing::Report(Arc::new(|error| panic!("a Vulkan adapter: {error}")));
-    let open =
-        |place| GpuService::opening(&choice_at(place), Duration::ZERO, None, missing.clone());
+    let open = |slot| GpuService::opening(&choice_at(slot), Duration::ZERO, None, missing.clone());
     let executor = Executor::new((0..gpus).map(open));
     for gpu in executor.gpus().iter() {
         while !gpu.is_there() {
@@ -94,9 +93,9 @@ pub fn begin(
     let options = culled_by(EngineName::GpuGrid);
     let planned = executor.plan(memory.boxes.boxes(), &options, u64::MAX);
     assert!(executor.can_begin(&planned));
-    let place = planned.gpu_place();
+    let slot = planned.gpu_index();
     let begun = executor.begin(planned, Owner::Client(client), memory);
-    (begun.unwrap_or_else(|_| panic!("answered at once")), place, token)
+    (begun.unwrap_or_else(|_| panic!("answered at once")), slot, token)
 }
 
 /// Waits for a frame that was left to a GPU: its answer, and the words of its reply.

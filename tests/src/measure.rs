@@ -1,4 +1,4 @@
-//! What benches share: a daemon, the visit of pairs, percentiles, and when frames begin.
+//! What benches share: a daemon, the loop over pairs of pairs, percentiles, and when frames begin.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -17,7 +17,7 @@ pub fn daemon(gpu: GpuChoice) -> Result<PrivateDaemon, SpawnError> {
 }
 
 /// Looks at all pairs that are handed over slice by slice. Returns how many there were.
-pub fn visit(each_slice: impl FnOnce(&mut dyn FnMut(&[Pair]))) -> u64 {
+pub fn iterate(each_slice: impl FnOnce(&mut dyn FnMut(&[Pair]))) -> u64 {
     let (mut sum, mut count) = (0u64, 0);
     each_slice(&mut |pairs| {
         sum = pairs.iter().fold(sum, |sum, [a, b]| sum + u64::from(a ^ b));
@@ -43,8 +43,8 @@ pub fn print_row(row: &Value, columns: &str) {
 pub fn percentile<T: Copy + Default + PartialOrd>(values: &[T], share: f64) -> T {
     let mut values = values.to_vec();
     values.sort_unstable_by(|a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal));
-    let place = (values.len().saturating_sub(1) as f64 * share).round() as usize;
-    values.get(place).copied().unwrap_or_default()
+    let slot = (values.len().saturating_sub(1) as f64 * share).round() as usize;
+    values.get(slot).copied().unwrap_or_default()
 }
 
 /// The rest of a wait that is spun: what a sleep may be late by, so that a frame begins when it is due.
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_at_a_pace_are_due_at_equal_intervals_whatever_they_took() {
+    fn frames_at_a_pace_are_due_at_equal_intervals_however_long_they_took() {
         let pace = Pace::from_now(Some(500.0));
         let first = pace.wait(0);
         std::thread::sleep(Duration::from_millis(7));

@@ -22,9 +22,9 @@ impl NarrowMemory {
     pub fn of_bits(form: BoxForm, boxes: &[[u32; 6]]) -> Self {
         let mut memory = Self::zeroed(form, boxes.len());
         let width = form.box_bytes() / 6;
-        let places = memory.bytes_mut().chunks_exact_mut(width);
-        for (place, bits) in places.zip(boxes.iter().flatten()) {
-            place.copy_from_slice(&bits.to_le_bytes()[..width]);
+        let slots = memory.bytes_mut().chunks_exact_mut(width);
+        for (slot, bits) in slots.zip(boxes.iter().flatten()) {
+            slot.copy_from_slice(&bits.to_le_bytes()[..width]);
         }
         memory
     }

@@ -1,7 +1,7 @@
 //! Queries of scenes beside the model, which compares each query with each box, after each of random edits.
 
-use pairmask_core::filters::{FilterId, Owner, Tag, World};
-use pairmask_core::scene::{Edit, QueryTags, Report};
+use pairmask_core::filters::{FilterData, FilterId, Owner, World};
+use pairmask_core::scene::{Edit, QueryFilterData, Report};
 use pairmask_core::{Aabb, Encoding};
 
 use crate::scene_model::{BareScene, Edits, Grouped};
@@ -11,7 +11,12 @@ type Pair = [u32; 2];
 
 pub trait QueriedScene {
     fn edit(&mut self, edit: Edit<'_>);
-    fn query(&mut self, queries: &[Aabb], tags: QueryTags<'_>, encoding: Encoding) -> Vec<Pair>;
+    fn query(
+        &mut self,
+        queries: &[Aabb],
+        filter_data: QueryFilterData<'_>,
+        encoding: Encoding,
+    ) -> Vec<Pair>;
 }
 
 impl<S: BareScene> QueriedScene for S {
@@ -19,8 +24,13 @@ impl<S: BareScene> QueriedScene for S {
         BareScene::edit(self, edit, Report::Nothing).expect("a right edit");
     }
 
-    fn query(&mut self, queries: &[Aabb], tags: QueryTags<'_>, _: Encoding) -> Vec<Pair> {
-        BareScene::query(self, queries, tags).expect("an answer")
+    fn query(
+        &mut self,
+        queries: &[Aabb],
+        filter_data: QueryFilterData<'_>,
+        _: Encoding,
+    ) -> Vec<Pair> {
+        BareScene::query(self, queries, filter_data).expect("an answer")
     }
 }
 
@@ -52,20 +62,21 @@ pub fn a_query(rng: &mut Rng, extent: f32) -> Aabb {
 pub struct Queries {
     edits: Edits,
     rng: Rng,
-    has_tags: bool,
+    has_filter_data: bool,
 }
 
 impl Queries {
-    pub fn new(seed: u64, largest: u32, has_tags: bool) -> Self {
+    pub fn new(seed: u64, largest: u32, has_filter_data: bool) -> Self {
         let edits = Edits::new(seed, largest);
-        let edits = if has_tags { edits } else { edits.without_rules() };
-        Self { edits, rng: Rng::new(!seed), has_tags }
+        let edits = if has_filter_data { edits } else { edits.without_rules() };
+        Self { edits, rng: Rng::new(!seed), has_filter_data }
     }
 
-    fn a_tag(&mut self) -> Tag {
+    fn some_filter_data(&mut self) -> FilterData {
         let world = World(self.rng.below(3) as i32 - 1);
-        let tag = Tag::new(world, Owner(self.rng.below(3)), FilterId(self.rng.below(5) as u16));
-        tag.with_static(self.rng.below(3) == 0)
+        let filter_data =
+            FilterData::new(world, Owner(self.rng.below(3)), FilterId(self.rng.below(5) as u16));
+        filter_data.with_static(self.rng.below(3) == 0)
     }
 
     /// Makes an edit, asks so many queries, and checks the answer. Returns how many pairs there were.
@@ -74,19 +85,19 @@ impl Queries {
         scene.edit(Edit { steps: &Grouped::of(&ops).steps() });
         let extent = self.edits.extent();
         let queries: Vec<Aabb> = (0..count).map(|_| a_query(&mut self.rng, extent)).collect();
-        let each: Vec<Tag> = (0..count).map(|_| self.a_tag()).collect();
-        let tags = match self.rng.below(4) {
-            2 if self.has_tags => QueryTags::One(self.a_tag()),
-            3 if self.has_tags => QueryTags::Each(&each),
-            _ => QueryTags::None,
+        let each: Vec<FilterData> = (0..count).map(|_| self.some_filter_data()).collect();
+        let filter_data = match self.rng.below(4) {
+            2 if self.has_filter_data => QueryFilterData::One(self.some_filter_data()),
+            3 if self.has_filter_data => QueryFilterData::Each(&each),
+            _ => QueryFilterData::None,
         };
         let encoding = Encoding::ALL[self.rng.below(3) as usize];
-        let found = scene.query(&queries, tags, encoding);
+        let found = scene.query(&queries, filter_data, encoding);
         let (model, boxes) = (self.edits.model(), self.edits.model().len());
-        let expected = model.query(&queries, tags);
+        let expected = model.query(&queries, filter_data);
         assert!(
             found == expected,
-            "{count} queries of {boxes} boxes, {tags:?}, {encoding}: {} pairs for {}",
+            "{count} queries of {boxes} boxes, {filter_data:?}, {encoding}: {} pairs for {}",
             found.len(),
             expected.len()
         );

@@ -39,7 +39,7 @@ impl Engine for SessionEngine {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
         let (boxes, _) = input.f32_boxes(self.engine)?;
-        let session = &mut self.sessions[input.encoding.place()];
+        let session = &mut self.sessions[input.encoding.ordinal()];
         let mask = served_by(self.expected, || session.answer(boxes));
         assert_eq!(mask.info().engine, self.engine);
         assert_eq!(mask.pairs().count() as u64, mask.count(), "the decoder finds what was counted");

@@ -16,7 +16,7 @@ use pairmask::{Aabb, Backend, Session};
 
 /// Frames of a turn: some 20 ms.
 const FRAMES: u32 = 200;
-/// Turns of each side: the ratio's median is known to half a percent on a machine that does other things too.
+/// Turns of each side: the ratio's median is known to half a percent on a machine that does other work too.
 const TURNS: usize = 501;
 
 /// The boxes of the figure: 1,000 unit boxes in a cube of 14.

@@ -78,17 +78,17 @@ typedef enum {
   PM_ERR_TIMEOUT = 50, // No answer yet. What was waited for is still under way.
   PM_ERR_DAEMON_DIED = 51, // The daemon died before it answered.
   PM_ERR_REPLY = 52, // The daemon answered with an error, or with something that is malformed.
-  PM_ERR_TAKEN = 53, // The answer was taken before.
+  PM_ERR_ALREADY_RECEIVED = 53, // The answer was received before.
 
   PM_ERR_BEYOND_LIMIT = 70, // An index beyond what the scene may hold.
-  PM_ERR_LENGTHS = 71, // Not one box, or tag, for each index.
+  PM_ERR_LENGTHS = 71, // Not one box, or filter data, for each index.
   PM_ERR_MARGINS = 72, // Not one margin for each box, nor one for all; or one is negative or not finite.
   PM_ERR_SET_TWICE = 73, // An index is set twice in one edit.
   PM_ERR_ABSENT = 74, // An index has no box.
   PM_ERR_NO_MARGINS = 75, // A box with a margin in a scene whose boxes have none.
   PM_ERR_OUT_OF_MEMORY = 76, // No memory of this process is left.
   PM_ERR_TOO_MANY_QUERIES = 77, // More queries and indices than a mask has objects.
-  PM_ERR_QUERY_TAGS = 78, // Not one tag for each query, nor one for all.
+  PM_ERR_QUERY_FILTER_DATA = 78, // Not filter data for each query, nor one for all.
   PM_ERR_TOO_MANY_FILTERS = 79, // More than 65,536 filters.
   PM_ERR_BOUNDS = 80, // Bounds that are empty or not finite.
 
@@ -177,9 +177,9 @@ typedef struct {
   int32_t world; // Boxes of different worlds never meet; `PM_ALL_WORLDS` meets all.
   uint32_t owner; // Boxes of one owner never meet, unless it is 0.
   uint16_t filter; // Index in the table of filters.
-  // 1 for a box that is static, whatever its filter is; else 0. Boxes of a scene have `pm_scene_make_static`.
+  // 1 for a box that is static, regardless of its filter; else 0. Boxes of a scene have `pm_scene_make_static`.
   uint16_t is_static;
-} pm_tag;
+} pm_filter_data;
 
 // What boxes of a kind meet. Two static boxes never meet; equal groups other than 0 decide by their sign;
 // else `(a.category & b.mask) != 0 && (b.category & a.mask) != 0`, with `||` where both have `either`.
@@ -217,7 +217,7 @@ typedef struct {
   const char *isa; // Instruction set of engines and decoders here; null for `$PAIRMASK_ISA`, else the widest.
   pm_backend backend;
   uint32_t threads; // Threads that an engine may use.
-  uint32_t visit_threads; // Threads that iterate over pairs.
+  uint32_t iterate_threads; // Threads that iterate over pairs.
   uint32_t capacity; // Boxes that the first segment should hold.
   uint64_t spin_ns; // Time to spin for an answer beyond its expected time, ns; `UINT64_MAX` for none.
   uint64_t deadline_ns; // How long a wait waits, ns; 5 s unless set.
@@ -259,11 +259,11 @@ typedef struct {
 // never; then filters decide. All arrays are copied.
 typedef struct {
   size_t struct_size;
-  const pm_tag *tags; // By index. An index beyond them has a tag of zeros.
-  size_t tag_count;
-  const pm_filter *filters; // What tags name. One beyond them meets everything.
+  const pm_filter_data *filter_data; // By index. An index beyond them has filter data of zeros.
+  size_t filter_data_count;
+  const pm_filter *filters; // What filter data names. One beyond them meets everything.
   size_t filter_count; // At most 65,536.
-  const pm_pair *included; // Pairs that are reported, whatever but worlds keeps them apart.
+  const pm_pair *included; // Pairs that are reported, even if anything but worlds keeps them apart.
   size_t included_count;
   const pm_pair *excluded; // Pairs that are never reported.
   size_t excluded_count;
@@ -272,7 +272,7 @@ typedef struct {
 // What is asked of a frame beside its pairs.
 typedef struct {
   size_t struct_size;
-  pm_rules filters; // Collision filters, with a tag for each box or with none; zero for none.
+  pm_rules filters; // Collision filters, with filter data for each box or with none; zero for none.
   uint32_t two_sets; // Not 0: only pairs of one of the first `split_at` boxes and one of the others count.
   uint32_t split_at; // Boxes of the first set.
 } pm_frame_options;
@@ -318,10 +318,10 @@ typedef struct {
 } pm_word;
 
 // Called with some pairs at a time. It may not throw, nor keep the pairs, nor use the handle of the call.
-typedef void (*pm_visit)(void *user, const pm_pair *pairs, size_t count);
+typedef void (*pm_pair_callback)(void *user, const pm_pair *pairs, size_t count);
 
-// Called with some words of a mask at a time, as `pm_visit` with pairs.
-typedef void (*pm_visit_words)(void *user, const pm_word *words, size_t count);
+// Called with some words of a mask at a time, as `pm_pair_callback` with pairs.
+typedef void (*pm_word_callback)(void *user, const pm_word *words, size_t count);
 
 // Scenes
 
@@ -498,12 +498,12 @@ pm_code pm_frame_write_placed(pm_frame frame, const pm_box *locals, const pm_pla
 // Writes one box of a frame.
 pm_code pm_frame_set(pm_frame frame, uint32_t index, const pm_box *b);
 
-// Sends a frame. `options` may be null. Its handle and its memory are invalid then, whatever is returned.
+// Sends a frame. `options` may be null. Its handle and its memory are invalid then, regardless of what is returned.
 pm_code pm_frame_submit(pm_frame frame, const pm_frame_options *options, pm_pending *pending);
 
 // Frames under way
 
-// Waits for the pairs, as long as the session's deadline allows. The handle names nothing any more, whatever
+// Waits for the pairs, as long as the session's deadline allows. The handle names nothing any more, regardless of
 // is returned. With `PM_BACKEND_AUTO` no failure of the daemon is an error: this process answers then.
 pm_code pm_pending_wait(pm_pending pending, pm_mask *mask);
 
@@ -524,12 +524,12 @@ pm_code pm_mask_pairs(pm_mask mask, const pm_pair **pairs, size_t *count);
 // Only masks of frames whose rules have worlds know them; `PM_ERR_STATE` from others.
 pm_code pm_mask_pairs_of_world(pm_mask mask, int32_t world, const pm_pair **pairs, size_t *count);
 
-// Calls `visit` with all pairs, some at a time: the fastest way through a mask, without a copy of it.
-pm_code pm_mask_for_each(pm_mask mask, pm_visit visit, void *user);
+// Calls `callback` with all pairs, some at a time: the fastest way through a mask, without a copy of it.
+pm_code pm_mask_for_each(pm_mask mask, pm_pair_callback callback, void *user);
 
-// Calls `visit` with the words of a mask that are not zero, some at a time: for AND masks of the caller's
+// Calls `callback` with the words of a mask that are not zero, some at a time: for AND masks of the caller's
 // own. Each pair of a list is a word of one bit.
-pm_code pm_mask_for_each_word(pm_mask mask, pm_visit_words visit, void *user);
+pm_code pm_mask_for_each_word(pm_mask mask, pm_word_callback callback, void *user);
 
 // Facts about the frame beside its pairs. Set `info->struct_size` first.
 pm_code pm_mask_info(pm_mask mask, pm_frame_info *info);
@@ -582,17 +582,17 @@ pm_code pm_scene_set_all(pm_scene scene, pm_indices indices, const pm_box *boxes
 pm_code pm_scene_remove(pm_scene scene, pm_indices indices);
 
 // Disables boxes (they overlap nothing) with `on` false, else enables them.
-pm_code pm_scene_switch(pm_scene scene, pm_indices indices, bool on);
+pm_code pm_scene_set_enabled(pm_scene scene, pm_indices indices, bool on);
 
 // Makes boxes static (two static boxes are no pair) or not.
 pm_code pm_scene_make_static(pm_scene scene, pm_indices indices, bool is_static);
 
-// Gives boxes their tags: one for each index. A box that is inserted has a tag of zeros. `is_static` of a tag
+// Gives boxes their filter data: one for each index. A box that is inserted has filter data of zeros. `is_static` of filter data
 // has no effect: see `pm_scene_make_static`. The arrays are read where they lie, until the edit is answered.
-pm_code pm_scene_tag(pm_scene scene, pm_indices indices, const pm_tag *tags, size_t n);
+pm_code pm_scene_set_filter(pm_scene scene, pm_indices indices, const pm_filter_data *filter_data, size_t n);
 
-// The filters that tags name, in place of all before. They are copied.
-pm_code pm_scene_filters(pm_scene scene, const pm_filter *filters, size_t n);
+// The filters that filter data names, in place of all before. They are copied.
+pm_code pm_scene_filter_table(pm_scene scene, const pm_filter *filters, size_t n);
 
 // Adds pairs of indices to the include list, or removes them from it. The array is read where it lies, until
 // the edit is answered.
@@ -606,9 +606,9 @@ pm_code pm_scene_discard(pm_scene scene);
 
 // Scenes: answers
 
-// Sends the edit that was written: removals first, then boxes that are set, then switches and static flags
+// Sends the edit that was written: removals first, then boxes that are set, then enabled and static flags
 // in their order, then what is about rules. A daemon works on it while this thread does something else.
-// Whatever is returned, the edit is written no more.
+// Regardless of what is returned, the edit is written no more.
 pm_code pm_scene_submit(pm_scene scene, pm_report report);
 
 // Waits for the answer to what was submitted, as long as the session's deadline allows, and for a shared
@@ -630,11 +630,11 @@ pm_code pm_scene_get(pm_scene scene, uint32_t index, pm_box *b);
 // Facts about a scene, whose answer stays as with `pm_scene_get`. Set `info->struct_size` first.
 pm_code pm_scene_get_info(pm_scene scene, pm_scene_info *info);
 
-// Asks which boxes of a scene some other boxes overlap. `tags` are null, or one for all, or one for each:
-// then only what may meet such a tag is found. `found` is set to pairs of a query's number and an index, by
+// Asks which boxes of a scene some other boxes overlap. `filter_data` are null, or one for all, or one for each:
+// then only what may meet such filter data is found. `found` is set to pairs of a query's number and an index, by
 // query and then by index, as an array that lives until the scene is queried again, or dropped. The scene's
 // answer ends. A shared scene is asked as the last tick made it.
-pm_code pm_scene_query(pm_scene scene, const pm_box *boxes, size_t n, const pm_tag *tags, size_t tag_count,
+pm_code pm_scene_query(pm_scene scene, const pm_box *boxes, size_t n, const pm_filter_data *filter_data, size_t filter_data_count,
                        const pm_pair **found, size_t *count);
 
 // Scenes that several processes write

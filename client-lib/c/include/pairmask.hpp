@@ -41,7 +41,7 @@ using Sphere = pm_sphere;
 using Pair = pm_pair;
 using Ended = pm_ended;
 using Range = pm_range;
-using Tag = pm_tag;
+using FilterData = pm_filter_data;
 using Filter = pm_filter;
 using Precision = pm_precision;
 using Placement = pm_placement;
@@ -67,7 +67,7 @@ public:
 
   constexpr Span() noexcept = default;
   constexpr Span(T *data, std::size_t size) noexcept : data_(data), size_(size) {}
-  // Whatever has data() and size(): vectors, arrays, strings, std::span.
+  // Anything that has data() and size(): vectors, arrays, strings, std::span.
   template <class C, class = std::enable_if_t<
                          !std::is_same_v<std::remove_cv_t<std::remove_reference_t<C>>, Span> &&
                          std::is_convertible_v<decltype(std::declval<C &>().data()), T *>>>
@@ -188,23 +188,23 @@ private:
 
 // Calls a function object with spans, through a callback of C. An exception is stored, and thrown again once no
 // stack frame of the library is between.
-template <class T, class F> struct Visit {
-  F &visit;
+template <class T, class F> struct ForEach {
+  F &iterate;
   std::exception_ptr thrown = nullptr;
 
   static void call(void *user, const T *values, std::size_t count) noexcept {
-    auto *self = static_cast<Visit *>(user);
+    auto *self = static_cast<ForEach *>(user);
 #if PAIRMASK_HAS_EXCEPTIONS
     if (self->thrown) {
       return;
     }
     try {
-      self->visit(Span<const T>(values, count));
+      self->iterate(Span<const T>(values, count));
     } catch (...) {
       self->thrown = std::current_exception();
     }
 #else
-    self->visit(Span<const T>(values, count));
+    self->iterate(Span<const T>(values, count));
 #endif
   }
 
@@ -243,9 +243,9 @@ inline Indices list(Span<const std::uint32_t> indices) noexcept {
 class Rules : public detail::Handle<pm_rules, pm_rules_drop> {
 public:
   using Handle::Handle;
-  static Result<Rules> create(Span<const Tag> tags, Span<const Filter> filters = {},
+  static Result<Rules> create(Span<const FilterData> filter_data, Span<const Filter> filters = {},
                               Span<const Pair> included = {}, Span<const Pair> excluded = {}) {
-    const pm_rules_desc desc{sizeof desc, tags.data(), tags.size(), filters.data(), filters.size(),
+    const pm_rules_desc desc{sizeof desc, filter_data.data(), filter_data.size(), filters.data(), filters.size(),
                              included.data(), included.size(), excluded.data(), excluded.size()};
     return detail::make<Rules, pm_rules>(pm_rules_create, &desc);
   }
@@ -274,15 +274,15 @@ public:
     const pm_code code = pm_mask_pairs_of_world(get(), world, &pairs, &count);
     return detail::made<Span<const Pair>>(code, Span<const Pair>(pairs, count));
   }
-  // Calls `visit(Span<const Pair>)` with all pairs, some at a time, without a copy of the mask.
-  template <class F> Result<Done> for_each(F &&visit) const {
-    detail::Visit<Pair, F> visitor{visit};
-    return visitor.end(pm_mask_for_each(get(), visitor.call, &visitor));
+  // Calls `iterate(Span<const Pair>)` with all pairs, some at a time, without a copy of the mask.
+  template <class F> Result<Done> for_each(F &&iterate) const {
+    detail::ForEach<Pair, F> callback{iterate};
+    return callback.end(pm_mask_for_each(get(), callback.call, &callback));
   }
-  // Calls `visit(Span<const pm_word>)` with the words that are not zero.
-  template <class F> Result<Done> for_each_word(F &&visit) const {
-    detail::Visit<pm_word, F> visitor{visit};
-    return visitor.end(pm_mask_for_each_word(get(), visitor.call, &visitor));
+  // Calls `iterate(Span<const pm_word>)` with the words that are not zero.
+  template <class F> Result<Done> for_each_word(F &&iterate) const {
+    detail::ForEach<pm_word, F> callback{iterate};
+    return callback.end(pm_mask_for_each_word(get(), callback.call, &callback));
   }
   FrameInfo info() const noexcept {
     FrameInfo info;
@@ -364,7 +364,7 @@ private:
   Span<Sphere> spheres_;
 };
 
-// A scene that persists: edits go in, changes of pairs come out. What is set and so on is the edit that
+// A persistent scene: edits go in, changes of pairs come out. What is set and so on is the edit that
 // commit() sends; arrays are read where they lie until it is answered. An answer is acknowledged by being
 // waited for, and lives until the next call that writes or sends an edit, or that asks the scene something:
 // query(), resync(), or a lease.
@@ -383,17 +383,17 @@ public:
                                          margins.data(), margins.size()));
   }
   Result<Done> remove(Indices indices) { return detail::done(pm_scene_remove(get(), indices)); }
-  Result<Done> switch_to(Indices indices, bool on) {
-    return detail::done(pm_scene_switch(get(), indices, on));
+  Result<Done> set_enabled(Indices indices, bool on) {
+    return detail::done(pm_scene_set_enabled(get(), indices, on));
   }
   Result<Done> make_static(Indices indices, bool is_static) {
     return detail::done(pm_scene_make_static(get(), indices, is_static));
   }
-  Result<Done> tag(Indices indices, Span<const Tag> tags) {
-    return detail::done(pm_scene_tag(get(), indices, tags.data(), tags.size()));
+  Result<Done> filter_data(Indices indices, Span<const FilterData> filter_data) {
+    return detail::done(pm_scene_set_filter(get(), indices, filter_data.data(), filter_data.size()));
   }
   Result<Done> filters(Span<const Filter> filters) {
-    return detail::done(pm_scene_filters(get(), filters.data(), filters.size()));
+    return detail::done(pm_scene_filter_table(get(), filters.data(), filters.size()));
   }
   Result<Done> include(Span<const Pair> pairs, bool on = true) {
     return detail::done(pm_scene_include(get(), pairs.data(), pairs.size(), on));
@@ -417,12 +417,12 @@ public:
     pm_scene_get_info(get(), &info);
     return info;
   }
-  // With no tags, one for all queries, or one for each. What is found lives until the next query.
-  Result<Span<const Pair>> query(Span<const Box> boxes, Span<const Tag> tags = {}) {
+  // With no filter data, one for all queries, or one for each. What is found lives until the next query.
+  Result<Span<const Pair>> query(Span<const Box> boxes, Span<const FilterData> filter_data = {}) {
     const Pair *found = nullptr;
     std::size_t count = 0;
-    const pm_code code = pm_scene_query(get(), boxes.data(), boxes.size(), tags.data(),
-                                        tags.size(), &found, &count);
+    const pm_code code = pm_scene_query(get(), boxes.data(), boxes.size(), filter_data.data(),
+                                        filter_data.size(), &found, &count);
     return detail::made<Span<const Pair>>(code, Span<const Pair>(found, count));
   }
 

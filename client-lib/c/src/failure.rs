@@ -90,11 +90,11 @@ const fn of_error(error: &Error) -> pm_code {
         | Error::Cull(CullError::TooManyBoxes { .. }) => PM_ERR_TOO_MANY_BOXES,
         Error::WrongCount { .. }
         | Error::Unsupported { .. }
-        | Error::Tags { .. }
+        | Error::FilterData { .. }
         | Error::Listed { .. } => PM_ERR_ARGUMENT,
         Error::FirstSet { .. } => PM_ERR_FIRST_SET,
         Error::Edit(error) => of_edit(error),
-        Error::Query(QueryError::Tags { .. }) => PM_ERR_QUERY_TAGS,
+        Error::Query(QueryError::FilterData { .. }) => PM_ERR_QUERY_FILTER_DATA,
         Error::Query(QueryError::Cull(_)) | Error::Cull(_) => PM_ERR_CULL,
         Error::TooManyQueries { .. } => PM_ERR_TOO_MANY_QUERIES,
         Error::SceneName(_) => PM_ERR_SCENE_NAME,
@@ -110,7 +110,7 @@ const fn of_error(error: &Error) -> pm_code {
         Error::TooManyListedPairs(_) => PM_ERR_TOO_MANY_LISTED_PAIRS,
         Error::NotSent(_) | Error::Transport(_) => PM_ERR_TRANSPORT,
         Error::Timeout { .. } => PM_ERR_TIMEOUT,
-        Error::Taken => PM_ERR_TAKEN,
+        Error::AlreadyReceived => PM_ERR_ALREADY_RECEIVED,
         Error::DaemonDied => PM_ERR_DAEMON_DIED,
         Error::Reply(_) => PM_ERR_REPLY,
         Error::Unanswered(error) => of_error(error),

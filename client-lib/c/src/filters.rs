@@ -11,7 +11,7 @@ use crate::code::pm_code;
 use crate::failure::Failure;
 use crate::handles::Handle;
 use crate::memory::{In, Out};
-use crate::values::{pm_box, pm_filter, pm_pair, pm_tag};
+use crate::values::{pm_box, pm_filter, pm_filter_data, pm_pair};
 
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(C)]
@@ -23,8 +23,8 @@ pub struct pm_rules {
 #[repr(C)]
 pub struct pm_rules_desc {
     pub struct_size: usize,
-    pub tags: In<pm_tag>,
-    pub tag_count: usize,
+    pub filter_data: In<pm_filter_data>,
+    pub filter_data_count: usize,
     pub filters: In<pm_filter>,
     pub filter_count: usize,
     pub included: In<pm_pair>,
@@ -40,7 +40,7 @@ pub extern "C" fn pm_rules_create(desc: In<pm_rules_desc>, rules: Out<pm_rules>)
     rules.give(|| {
         let desc = desc.growing()?;
         let mut made = Rules::default();
-        made.tags = cast_slice(desc.tags.array(desc.tag_count)?).to_vec();
+        made.filter_data = cast_slice(desc.filter_data.array(desc.filter_data_count)?).to_vec();
         made.table = table(desc.filters, desc.filter_count)?;
         for pair in desc.included.array(desc.included_count)? {
             made.lists.include(cast(*pair), true);

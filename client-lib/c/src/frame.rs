@@ -127,7 +127,7 @@ pub extern "C" fn pm_frame_drop(frame: pm_frame) -> pm_code {
 
 const OTHER_FRAME: Failure = Failure::new(PM_ERR_STATE, "the frame is of another kind of objects");
 
-/// Writes a frame's boxes from whatever holds them. There must be as many.
+/// Writes a frame's boxes from anything that holds them. There must be as many.
 fn write(frame: pm_frame, boxes: &(impl BoxSource + Sync + ?Sized)) -> Result<(), Failure> {
     frame.with(|frame| {
         match frame {

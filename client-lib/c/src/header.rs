@@ -10,7 +10,7 @@ fn tokens(text: &str) -> Vec<String> {
     text.chars().map(apart).collect::<String>().split_whitespace().map(str::to_owned).collect()
 }
 
-/// All declarations of a header but `#include` and the like, whatever their order, layout and comments.
+/// All declarations of a header but `#include` and the like, regardless of their order, layout and comments.
 fn declarations(header: &str) -> BTreeSet<String> {
     let code = header.split_once("*/").map_or(header, |(_, behind_the_head)| behind_the_head);
     let lines = code.lines().map(|line| line.split("//").next().unwrap_or_default());

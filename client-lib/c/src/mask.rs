@@ -14,7 +14,7 @@ use crate::call::call;
 use crate::code::pm_code::{self, PM_ERR_STATE};
 use crate::failure::Failure;
 use crate::handles::Handle;
-use crate::memory::{Out, place};
+use crate::memory::{Out, raw};
 use crate::values::{name_of, pm_name, pm_pair, pm_served_by, served_by_number, to_pairs};
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -126,7 +126,7 @@ pub extern "C" fn pm_mask_pairs(
     pairs: Out<*const pm_pair>,
     count: Out<usize>,
 ) -> pm_code {
-    pairs.give_list(count, || mask.with(|mask| Ok(place(to_pairs(mask.pairs())))))
+    pairs.give_list(count, || mask.with(|mask| Ok(raw(to_pairs(mask.pairs())))))
 }
 
 #[unsafe(no_mangle)]
@@ -144,33 +144,33 @@ pub extern "C" fn pm_mask_pairs_of_world(
                 return Err(Failure::new(PM_ERR_STATE, text));
             }
             let found = mask.answer.pairs_of_world(World(world));
-            Ok(found.map_or((null(), 0), |found| place(to_pairs(found))))
+            Ok(found.map_or((null(), 0), |found| raw(to_pairs(found))))
         })
     })
 }
 
 /// A callback that gets some values at a time.
-type Visit<T> = unsafe extern "C" fn(user: *mut c_void, values: *const T, count: usize);
+type ForEach<T> = unsafe extern "C" fn(user: *mut c_void, values: *const T, count: usize);
 
-pub type pm_visit =
+pub type pm_pair_callback =
     Option<unsafe extern "C" fn(user: *mut c_void, pairs: *const pm_pair, count: usize)>;
 
-pub type pm_visit_words =
+pub type pm_word_callback =
     Option<unsafe extern "C" fn(user: *mut c_void, words: *const pm_word, count: usize)>;
 
 /// Calls a program's callback with what `hand_out` hands out of a mask.
-fn visit<T>(
+fn iterate<T>(
     mask: pm_mask,
-    visit: Option<Visit<T>>,
+    callback: Option<ForEach<T>>,
     user: *mut c_void,
     hand_out: impl FnOnce(&PairMask, &mut dyn FnMut(&[T])),
 ) -> pm_code {
     call(|| {
-        let visit = visit.ok_or(Failure::argument("the callback is null"))?;
+        let callback = callback.ok_or(Failure::argument("the callback is null"))?;
         mask.with(|mask| {
             hand_out(&mask.answer, &mut |some| {
                 // SAFETY: the callback is the program's, which gives what it needs in `user`.
-                unsafe { visit(user, some.as_ptr(), some.len()) };
+                unsafe { callback(user, some.as_ptr(), some.len()) };
             });
             Ok(())
         })
@@ -178,8 +178,14 @@ fn visit<T>(
 }
 
 #[unsafe(no_mangle)]
-pub extern "C" fn pm_mask_for_each(mask: pm_mask, visit: pm_visit, user: *mut c_void) -> pm_code {
-    self::visit(mask, visit, user, |mask, visit| mask.for_each_slice(|some| visit(to_pairs(some))))
+pub extern "C" fn pm_mask_for_each(
+    mask: pm_mask,
+    callback: pm_pair_callback,
+    user: *mut c_void,
+) -> pm_code {
+    iterate(mask, callback, user, |mask, iterate| {
+        mask.for_each_slice(|some| iterate(to_pairs(some)))
+    })
 }
 
 #[derive(Clone, Copy)]
@@ -207,17 +213,17 @@ const WORDS: usize = 256;
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_mask_for_each_word(
     mask: pm_mask,
-    visit: pm_visit_words,
+    callback: pm_word_callback,
     user: *mut c_void,
 ) -> pm_code {
-    self::visit(mask, visit, user, |mask, visit| {
+    iterate(mask, callback, user, |mask, iterate| {
         let (mut words, mut some) = (mask.words().map(pm_word::from), Vec::with_capacity(WORDS));
         loop {
             some.extend(words.by_ref().take(WORDS));
             if some.is_empty() {
                 break;
             }
-            visit(&some);
+            iterate(&some);
             some.clear();
         }
     })
@@ -259,7 +265,7 @@ fn order_of(mask: &PairMask) -> (*const u32, usize) {
         && let MaskView::Sparse(sparse) = mask.view()
         && let Some(order) = sparse.order()
     {
-        return place(order);
+        return raw(order);
     }
     (null(), 0)
 }

@@ -2,7 +2,7 @@
 //!
 //! The head of the header states what a program promises of every pointer: it is null or aligned, and valid for
 //! as many values as are said beside it, which nobody else uses meanwhile. Only programs make an [`In`] or an
-//! [`Out`], so that the promise holds for each of them. Whatever else can be wrong with it is checked here.
+//! [`Out`], so that the promise holds for each of them. All else that can be wrong with it is checked here.
 #![allow(unsafe_code)]
 
 use std::ffi::{CStr, c_char};
@@ -81,7 +81,7 @@ impl<T: Growing> In<T> {
         if !self.0.is_null() {
             let size = checked_size(self.0)?;
             // SAFETY: so many bytes are there by the program's promise, and `value`, which has as many, does not
-            // overlap them. Whatever they are, they are a value.
+            // overlap them. Regardless of what they are, they are a value.
             unsafe { self.0.cast::<u8>().copy_to_nonoverlapping((&raw mut value).cast(), size) };
         }
         Ok(value)
@@ -162,7 +162,7 @@ impl<T: Growing> Out<T> {
 }
 
 /// Where a list lies, and how long it is.
-pub fn place<T>(list: &[T]) -> (*const T, usize) {
+pub fn raw<T>(list: &[T]) -> (*const T, usize) {
     (list.as_ptr(), list.len())
 }
 

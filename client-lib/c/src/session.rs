@@ -36,7 +36,7 @@ pub struct pm_session_options {
     pub isa: In<c_char>,
     pub backend: pm_backend,
     pub threads: u32,
-    pub visit_threads: u32,
+    pub iterate_threads: u32,
     pub capacity: u32,
     pub spin_ns: u64,
     pub deadline_ns: u64,
@@ -78,7 +78,7 @@ fn connect(options: &pm_session_options) -> Result<Session, Failure> {
     let count = |setting| if_any(setting).map(|count: u32| count as usize);
     let builder = count(options.threads).into_iter().fold(builder, SessionBuilder::threads);
     let builder =
-        count(options.visit_threads).into_iter().fold(builder, SessionBuilder::visit_threads);
+        count(options.iterate_threads).into_iter().fold(builder, SessionBuilder::iterate_threads);
     let capacity = if_any(options.capacity).map(BoxCount::new);
     let builder = capacity.into_iter().fold(builder, SessionBuilder::capacity);
     let spin = if_any(options.spin_ns).map(|ns| if ns == u64::MAX { 0 } else { ns });

@@ -3,7 +3,7 @@
 use std::ffi::c_char;
 
 use bytemuck::{Pod, Zeroable};
-use pairmask::filters::{Filter, Tag, World};
+use pairmask::filters::{Filter, FilterData, World};
 use pairmask::{Aabb, EndReason, Ended, ServedBy, Sphere};
 use pairmask_core::engine::EngineId;
 
@@ -54,7 +54,7 @@ pub const PM_ALL_WORLDS: i32 = -1;
 
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
-pub struct pm_tag {
+pub struct pm_filter_data {
     pub world: i32,
     pub owner: u32,
     pub filter: u16,
@@ -146,6 +146,6 @@ pub fn index_count(count: usize) -> Result<u32, Failure> {
 
 const _: () = assert!(size_of::<pm_box>() == size_of::<Aabb>());
 const _: () = assert!(size_of::<pm_sphere>() == size_of::<Sphere>());
-const _: () = assert!(size_of::<pm_tag>() == size_of::<Tag>());
+const _: () = assert!(size_of::<pm_filter_data>() == size_of::<FilterData>());
 const _: () = assert!(size_of::<pm_pair>() == 8);
 const _: () = assert!(PM_ALL_WORLDS == World::ALL.0);

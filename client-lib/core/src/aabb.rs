@@ -39,7 +39,7 @@ const _: () = assert!(size_of::<Aabb>() == AABB_BYTES && align_of::<Aabb>() == 4
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BoxClass {
     /// Has at least one point.
-    Solid,
+    Valid,
     /// `min > max` on some axis: an unused slot.
     Empty,
     /// Has a NaN. NaN wins over empty.
@@ -93,7 +93,7 @@ impl Aabb {
         match (from.class(), to.class()) {
             (BoxClass::Invalid, _) | (_, BoxClass::Empty) => *from,
             (_, BoxClass::Invalid) | (BoxClass::Empty, _) => *to,
-            (BoxClass::Solid, BoxClass::Solid) => {
+            (BoxClass::Valid, BoxClass::Valid) => {
                 // Keys, since comparisons of floats depend on the thread's flags.
                 let key = |x: f32| order_key(x.to_bits());
                 let low = |a, b| if key(b) < key(a) { b } else { a };
@@ -108,7 +108,7 @@ impl Aabb {
 
     /// What the box may touch while it moves by a displacement in a straight line.
     ///
-    /// The faces that move are rounded outward to the nearest number, whatever rounding mode the thread has:
+    /// The faces that move are rounded outward to the nearest number, in any rounding mode of the thread:
     /// the box is never smaller than the exact sweep. A box that overlaps nothing stays as it is, and a
     /// displacement with a NaN makes an invalid box.
     ///
@@ -121,7 +121,7 @@ impl Aabb {
     #[must_use]
     pub fn swept_by(&self, displacement: impl Into<[f32; 3]>) -> Self {
         let by = displacement.into();
-        if self.class() != BoxClass::Solid {
+        if self.class() != BoxClass::Valid {
             return *self;
         }
         floats::with_default(|| {
@@ -140,7 +140,7 @@ impl Aabb {
         })
     }
 
-    /// Solid, empty or invalid.
+    /// Valid, empty or invalid.
     #[inline]
     pub fn class(&self) -> BoxClass {
         KeyBox::classify(self).1
@@ -248,11 +248,11 @@ impl KeyBox {
         match (nan, empty) {
             (true, _) => (Self::NOTHING, BoxClass::Invalid),
             (false, true) => (Self::NOTHING, BoxClass::Empty),
-            (false, false) => (key, BoxClass::Solid),
+            (false, false) => (key, BoxClass::Valid),
         }
     }
 
-    /// A box with these keys, which are those of a solid one: the same box, but for +0 in place of −0.
+    /// A box with these keys, which are those of a valid one: the same box, but for +0 in place of −0.
     #[inline]
     pub fn to_box(&self) -> Aabb {
         Aabb { min: self.min.map(coordinate), max: self.max.map(coordinate) }
@@ -376,13 +376,13 @@ mod tests {
         }
 
         #[test]
-        fn a_sweep_between_places_holds_both_and_no_more(
+        fn a_sweep_between_positions_holds_both_and_no_more(
             from in prop::array::uniform6(number()), to in prop::array::uniform6(number()),
         ) {
             let (from, to) = (Aabb::from(from), Aabb::from(to));
             let swept = Aabb::swept(&from, &to);
             let classes = (from.class(), to.class());
-            if classes == (BoxClass::Solid, BoxClass::Solid) {
+            if classes == (BoxClass::Valid, BoxClass::Valid) {
                 for axis in 0..3 {
                     prop_assert_eq!(swept.min[axis], from.min[axis].min(to.min[axis]));
                     prop_assert_eq!(swept.max[axis], from.max[axis].max(to.max[axis]));
@@ -399,17 +399,17 @@ mod tests {
 
     #[test]
     fn sweeps_of_what_overlaps_nothing_overlap_nothing() {
-        let solid = Aabb::point([1.0, -0.0, 3.0]);
-        assert_eq!(solid.class(), BoxClass::Solid);
-        assert!(solid.overlaps(&solid));
+        let valid = Aabb::point([1.0, -0.0, 3.0]);
+        assert_eq!(valid.class(), BoxClass::Valid);
+        assert!(valid.overlaps(&valid));
         assert_eq!(Aabb::point([0.0, f32::NAN, 0.0]).class(), BoxClass::Invalid);
         assert_eq!(Aabb::EMPTY.swept_by([1.0; 3]), Aabb::EMPTY);
-        assert_eq!(solid.swept_by([0.0, f32::NAN, 0.0]).class(), BoxClass::Invalid);
-        assert_eq!(Aabb::swept(&solid, &Aabb::EMPTY), solid);
-        assert_eq!(Aabb::swept(&Aabb::EMPTY, &solid), solid);
+        assert_eq!(valid.swept_by([0.0, f32::NAN, 0.0]).class(), BoxClass::Invalid);
+        assert_eq!(Aabb::swept(&valid, &Aabb::EMPTY), valid);
+        assert_eq!(Aabb::swept(&Aabb::EMPTY, &valid), valid);
         let far = Aabb::point([f32::NEG_INFINITY; 3]).swept_by([f32::INFINITY, 1.0, -1.0]);
         assert_eq!(far.max, [f32::INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY]);
-        assert_eq!(far.class(), BoxClass::Solid);
+        assert_eq!(far.class(), BoxClass::Valid);
     }
 
     #[test]

@@ -30,8 +30,8 @@ pub fn copy<T: Copy + Send + Sync>(from: &[T], to: &mut [T], is_shared: bool) {
         return to.copy_from_slice(from);
     }
     assert_eq!(from.len(), to.len(), "as many items");
-    let task_items = TASK_BYTES / size_of::<T>();
-    let tasks = to.par_chunks_mut(task_items).zip(from.par_chunks(task_items));
+    let task_entries = TASK_BYTES / size_of::<T>();
+    let tasks = to.par_chunks_mut(task_entries).zip(from.par_chunks(task_entries));
     tasks.for_each(|(to, from)| to.copy_from_slice(from));
 }
 

@@ -14,13 +14,13 @@ mod isa;
 pub mod mask;
 pub mod objects;
 pub mod oracle;
+pub mod pacing;
 pub mod pair_index;
 pub mod plan;
 pub mod precision;
 #[cfg(test)]
 mod random;
 pub mod repeat;
-pub mod rhythm;
 pub mod scene;
 mod simd;
 pub mod sphere;

@@ -54,7 +54,7 @@ pub struct Repeats {
     sample: Vec<[u8; SLOT_BYTES]>,
     /// Frames in a row whose sample was equal, and how many make a copy worth it.
     equal_count: u32,
-    wanted_log2: u32,
+    requested_log2: u32,
     copy: Option<Box<FrameCopy>>,
     /// Where a copy will be found that is being made.
     promised: Option<Arc<Promise>>,
@@ -78,7 +78,7 @@ pub enum Seen {
 impl Repeats {
     /// Looks at a frame with the rules of a number: 0 where all boxes may meet, and another one for other
     /// rules. Where it is equal to the last one, the reply gets that one's mask. Frames of a client that names
-    /// an engine are always new: it wants that engine to work.
+    /// an engine are always new: it needs that engine to work.
     pub fn look(
         &mut self,
         objects: Objects<'_>,
@@ -87,7 +87,7 @@ impl Repeats {
         reply: &mut dyn ReplyBuffer,
     ) -> Seen {
         if options.engine != EngineChoice::Auto || objects.len() < 2 {
-            self.forget();
+            self.discard();
             return Seen::New;
         }
         let settled = CullOptions { last_pairs: None, threads: None, ..*options };
@@ -112,7 +112,11 @@ impl Repeats {
         }
         let Some(copy) = &mut self.copy else {
             self.equal_count = self.equal_count.saturating_add(1);
-            return if self.equal_count >> self.wanted_log2 > 0 { Seen::Alike } else { Seen::New };
+            return if self.equal_count >> self.requested_log2 > 0 {
+                Seen::Alike
+            } else {
+                Seen::New
+            };
         };
         if let Some(answer) = copy.answer_again(&facts, objects, options.threads, reply) {
             return Seen::Answered(answer);
@@ -135,8 +139,8 @@ impl Repeats {
         self.copy.as_ref().map_or(0, |copy| copy.behind)
     }
 
-    /// Gives the copy up, and whatever else is known of the last frame.
-    pub fn forget(&mut self) {
+    /// Gives the copy up, and all else that is known of the last frame.
+    pub fn discard(&mut self) {
         self.facts = None;
         self.drop_copy();
     }
@@ -150,11 +154,11 @@ impl Repeats {
         self.equal_count = 0;
         let was_promised = self.promised.take().map(|_| false);
         if let Some(was_used) = self.copy.take().map(|copy| copy.was_used).or(was_promised) {
-            let wanted = self.wanted_log2;
-            self.wanted_log2 = if was_used {
-                wanted.saturating_sub(1)
+            let requested = self.requested_log2;
+            self.requested_log2 = if was_used {
+                requested.saturating_sub(1)
             } else {
-                MOST_EQUAL.ilog2().min(wanted + 1)
+                MOST_EQUAL.ilog2().min(requested + 1)
             };
         }
     }
@@ -248,10 +252,10 @@ impl FrameCopy {
 }
 
 /// A copy, or `None` where there is no memory for one.
-fn copied<T: Copy>(items: &[T]) -> Option<Vec<T>> {
+fn copied<T: Copy>(entries: &[T]) -> Option<Vec<T>> {
     let mut copy = Vec::new();
-    copy.try_reserve_exact(items.len()).ok()?;
-    copy.extend_from_slice(items);
+    copy.try_reserve_exact(entries.len()).ok()?;
+    copy.extend_from_slice(entries);
     Some(copy)
 }
 

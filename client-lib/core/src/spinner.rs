@@ -1,4 +1,4 @@
-//! Spinning on a core that the awaited process may want.
+//! Spinning on a core that the awaited process may need.
 
 use std::thread::yield_now;
 
@@ -26,7 +26,7 @@ impl Spinner {
         }
     }
 
-    /// Yields the core at once: for a caller that knows that another thread wants it.
+    /// Yields the core at once: for a caller that knows that another thread needs it.
     pub fn offer(&mut self) {
         self.round = 0;
         yield_now();

@@ -13,7 +13,7 @@ const SAMPLE_LEAST: usize = 32;
 /// One box in so many, between the two.
 const SAMPLE_SHARE: usize = 32;
 /// Fewest boxes that are worth a look: a look takes 1 to 3 µs and 64 boxes take 2, and below so many
-/// the engines that come into question take about the same whatever the scene.
+/// the engines that come into question take about the same regardless of the scene.
 const LOOK_BOXES: usize = 512;
 /// Share of the boxes that a sweep's window holds in scenes of fewer than [`LOOK_BOXES`].
 const UNSEEN_WINDOW_SHARE: f32 = 0.03;
@@ -21,12 +21,12 @@ const UNSEEN_WINDOW_SHARE: f32 = 0.03;
 /// Statistics of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneStats {
-    /// Boxes, solid or not.
+    /// Boxes, valid or not.
     pub n: BoxCount,
     /// Whether boxes were looked at. Where not, all but `n` and `last_pairs` is assumed.
     pub is_looked_at: bool,
     /// Share of the boxes that have a point.
-    pub solid_share: f32,
+    pub valid_share: f32,
     /// Median of the boxes' longest edges.
     pub median_size: f32,
     /// 90th percentile of the boxes' longest edges.
@@ -41,7 +41,7 @@ pub struct SceneStats {
 }
 
 impl SceneStats {
-    /// Looks at a scene, whose boxes may be in any form. Allocates nothing, and sees the same whatever the
+    /// Looks at a scene, whose boxes may be in any form. Allocates nothing, and sees the same regardless of the
     /// floating-point flags of this thread.
     pub fn of<'a>(boxes: impl Into<BoxSlice<'a>>, last_pairs: Option<u64>) -> Self {
         let boxes = boxes.into();
@@ -50,12 +50,12 @@ impl SceneStats {
 
     fn look(boxes: BoxSlice<'_>, last_pairs: Option<u64>) -> Self {
         let n = boxes.len();
-        let wanted = (n / SAMPLE_SHARE).clamp(SAMPLE_LEAST, SAMPLE_MOST).min(n);
+        let requested = (n / SAMPLE_SHARE).clamp(SAMPLE_LEAST, SAMPLE_MOST).min(n);
         let mut sample = [Aabb::EMPTY; SAMPLE_MOST];
         let mut count = 0;
-        for index in sample_indices(wanted, n) {
+        for index in sample_indices(requested, n) {
             let Some(b) = boxes.get(index) else { continue };
-            if b.class() == BoxClass::Solid {
+            if b.class() == BoxClass::Valid {
                 sample[count] = b;
                 count += 1;
             }
@@ -65,7 +65,7 @@ impl SceneStats {
         Self {
             n: BoxCount::new(u32::try_from(n).unwrap_or(u32::MAX)),
             is_looked_at: true,
-            solid_share: count as f32 / wanted.max(1) as f32,
+            valid_share: count as f32 / requested.max(1) as f32,
             median_size,
             large_size,
             window_share: window_share(sample, widest_axis(sample)),
@@ -90,7 +90,7 @@ impl SceneStats {
         Self {
             n,
             is_looked_at: false,
-            solid_share: 1.0,
+            valid_share: 1.0,
             median_size: 1.0,
             large_size: 1.0,
             window_share: UNSEEN_WINDOW_SHARE,
@@ -102,7 +102,7 @@ impl SceneStats {
     /// A scene of which no engine of the CPU takes less time: what a look could show at best. The
     /// engines of a GPU go by the number of boxes and pairs alone.
     pub fn at_best(n: BoxCount, last_pairs: Option<u64>) -> Self {
-        Self { solid_share: 0.0, window_share: 0.0, ..Self::unseen(n, last_pairs) }
+        Self { valid_share: 0.0, window_share: 0.0, ..Self::unseen(n, last_pairs) }
     }
 
     /// Boxes, as work is counted.
@@ -121,16 +121,16 @@ impl SceneStats {
     }
 }
 
-/// The boxes to look at for samples 0 to `wanted`, at most `n`: one of each stretch, at a place that a
+/// The boxes to look at for samples 0 to `requested`, at most `n`: one of each stretch, at a place that a
 /// hash chooses, because scenes are often laid out in rows of some round number.
-pub(crate) fn sample_indices(wanted: usize, n: usize) -> impl Iterator<Item = usize> {
-    // Stretch i is `i * n / wanted..(i + 1) * n / wanted`, found without a division for each.
-    let (len, rest) = (n / wanted.max(1), n % wanted.max(1));
+pub(crate) fn sample_indices(requested: usize, n: usize) -> impl Iterator<Item = usize> {
+    // Stretch i is `i * n / requested..(i + 1) * n / requested`, found without a division for each.
+    let (len, rest) = (n / requested.max(1), n % requested.max(1));
     let (mut start, mut carried) = (0, 0);
-    (1..=wanted as u64).map(move |i| {
+    (1..=requested as u64).map(move |i| {
         carried += rest;
-        let longer = carried >= wanted;
-        carried -= if longer { wanted } else { 0 };
+        let longer = carried >= requested;
+        carried -= if longer { requested } else { 0 };
         let stretch = start..start + len + usize::from(longer);
         start = stretch.end;
         let hash = i.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33;
@@ -217,10 +217,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_boxes_and_no_solid_boxes_have_statistics() {
+    fn no_boxes_and_no_valid_boxes_have_statistics() {
         for boxes in [vec![], vec![Aabb::EMPTY; 10]] {
             let stats = SceneStats::of(&boxes, None);
-            assert_eq!(stats.solid_share, 0.0);
+            assert_eq!(stats.valid_share, 0.0);
             assert!(stats.window_share <= 1.0 && stats.elongation.is_finite());
         }
     }
@@ -246,11 +246,11 @@ mod tests {
     #[test]
     fn one_box_of_each_stretch_is_looked_at() {
         for n in [1, 2, 255, 256, 257, 1_000, 4_095, 4_097, 100_003] {
-            for wanted in [1, 2, 3, 100, 256, 1_000].map(|wanted: usize| wanted.min(n)) {
-                let indices: Vec<usize> = sample_indices(wanted, n).collect();
-                assert_eq!(indices.len(), wanted);
+            for requested in [1, 2, 3, 100, 256, 1_000].map(|requested: usize| requested.min(n)) {
+                let indices: Vec<usize> = sample_indices(requested, n).collect();
+                assert_eq!(indices.len(), requested);
                 for (i, index) in indices.into_iter().enumerate() {
-                    let (start, end) = (i * n / wanted, (i + 1) * n / wanted);
+                    let (start, end) = (i * n / requested, (i + 1) * n / requested);
                     let hash = (i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33;
                     assert_eq!(index, start + hash as usize % (end - start));
                 }

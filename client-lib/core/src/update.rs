@@ -22,7 +22,7 @@
 //! * The conversion to f32 rounds outward.
 //!
 //! The proof is about rounding to nearest and about subnormals as they are, so all of it is computed
-//! with the default floating-point flags ([`crate::floats`]), whatever those of the caller's thread and
+//! with the default floating-point flags ([`crate::floats`]), regardless of those of the caller's thread and
 //! of its rayon pool. Threads of different flags that update one frame write the same boxes.
 //!
 //! In all, a face moves by less than two units in the last place of f32 unless the terms cancel to a
@@ -121,7 +121,7 @@ pub trait ToWorld {
 }
 
 /// Implements [`ToWorld::world_matrix`] for types that compute it with the default flags.
-macro_rules! world_matrix_whatever_the_flags {
+macro_rules! world_matrix_with_any_flags {
     () => {
         #[inline]
         fn world_matrix(&self) -> $crate::update::WorldMatrix {
@@ -131,11 +131,11 @@ macro_rules! world_matrix_whatever_the_flags {
     };
 }
 #[cfg(any(feature = "glam", feature = "mint"))]
-pub(crate) use world_matrix_whatever_the_flags;
+pub(crate) use world_matrix_with_any_flags;
 
 /// A 3×4 matrix by columns: the images of the three axes, then that of the origin.
 impl ToWorld for [[f32; 3]; 4] {
-    world_matrix_whatever_the_flags!();
+    world_matrix_with_any_flags!();
 
     #[inline]
     fn world_matrix_with_default_flags(&self) -> WorldMatrix {
@@ -145,7 +145,7 @@ impl ToWorld for [[f32; 3]; 4] {
 
 /// A 4×4 matrix by columns. The affine part: the bottom row is taken for 0 0 0 1.
 impl ToWorld for [[f32; 4]; 4] {
-    world_matrix_whatever_the_flags!();
+    world_matrix_with_any_flags!();
 
     #[inline]
     fn world_matrix_with_default_flags(&self) -> WorldMatrix {
@@ -154,7 +154,7 @@ impl ToWorld for [[f32; 4]; 4] {
 }
 
 impl ToWorld for Placement {
-    world_matrix_whatever_the_flags!();
+    world_matrix_with_any_flags!();
 
     #[inline]
     fn world_matrix_with_default_flags(&self) -> WorldMatrix {
@@ -199,14 +199,14 @@ fn world_box_with_default_flags<T: ToWorld>(local: &Aabb, transform: &T) -> Aabb
     debug_assert!(floats::are_default(), "boxes are updated with the default flags");
     let matrix = transform.world_matrix_with_default_flags();
     match local.class() {
-        BoxClass::Solid if matrix.is_finite() => solid_world_box(local, &matrix),
+        BoxClass::Valid if matrix.is_finite() => valid_world_box(local, &matrix),
         BoxClass::Empty => Aabb::EMPTY,
-        BoxClass::Solid | BoxClass::Invalid => Aabb { min: [f32::NAN; 3], max: [f32::NAN; 3] },
+        BoxClass::Valid | BoxClass::Invalid => Aabb { min: [f32::NAN; 3], max: [f32::NAN; 3] },
     }
 }
 
 #[inline(always)]
-fn solid_world_box(local: &Aabb, matrix: &WorldMatrix) -> Aabb {
+fn valid_world_box(local: &Aabb, matrix: &WorldMatrix) -> Aabb {
     if local.min.iter().chain(&local.max).all(|x| x.is_finite()) {
         box_of_products(local, matrix, |entry, coordinate| entry * coordinate)
     } else {

@@ -24,7 +24,7 @@ fn limit_files(groups: &str) -> impl Iterator<Item = PathBuf> {
     groups.lines().flat_map(|line| {
         let mut fields = line.splitn(3, ':').skip(1);
         let (controllers, group) = (fields.next().unwrap_or("-"), fields.next().unwrap_or("/"));
-        let place = match controllers {
+        let slot = match controllers {
             "" => Some(("/sys/fs/cgroup", "memory.max")),
             all if all.split(',').any(|one| one == "memory") => {
                 Some(("/sys/fs/cgroup/memory", "memory.limit_in_bytes"))
@@ -34,7 +34,7 @@ fn limit_files(groups: &str) -> impl Iterator<Item = PathBuf> {
         let group = Path::new(group.trim_start_matches('/'));
         let up =
             move |(root, name)| group.ancestors().map(move |g| Path::new(root).join(g).join(name));
-        place.into_iter().flat_map(up)
+        slot.into_iter().flat_map(up)
     })
 }
 

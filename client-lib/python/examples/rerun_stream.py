@@ -4,7 +4,7 @@
     python examples/rerun_stream.py                    opens the viewer
     python examples/rerun_stream.py --save scene.rrd   writes a file, which `rerun scene.rrd` shows
 
-Boxes drift in a scene that persists. Each step sends the boxes that moved, and gets the pairs that began and ended.
+Boxes drift in a persistent scene. Each step sends the boxes that moved, and gets the pairs that began and ended.
 Boxes in touch are shown in another colour, with a line from centre to centre.
 """
 
@@ -31,7 +31,7 @@ def main() -> None:
         rr.save(given.save)
 
     random = np.random.default_rng(1)
-    places = random.uniform(-WORLD, WORLD, (given.boxes, 3)).astype(np.float32)
+    slots = random.uniform(-WORLD, WORLD, (given.boxes, 3)).astype(np.float32)
     halves = random.uniform(0.2, 0.9, (given.boxes, 3)).astype(np.float32)
     speeds = random.normal(0, 1.5, (given.boxes, 3)).astype(np.float32)
     pairs: set[tuple[int, int]] = set()
@@ -40,10 +40,10 @@ def main() -> None:
         for step in range(given.steps):
             # A third of the boxes rests in each step: only what moved is sent.
             moved = np.flatnonzero((np.arange(given.boxes) + step // 20) % 3 != 0)
-            places[moved] += speeds[moved] / 60
-            speeds[np.abs(places) > WORLD] *= -1
+            slots[moved] += speeds[moved] / 60
+            speeds[np.abs(slots) > WORLD] *= -1
             moved = moved if step else np.arange(given.boxes)
-            boxes = np.hstack([places - halves, places + halves])[moved]
+            boxes = np.hstack([slots - halves, slots + halves])[moved]
             answer = scene.edit().set(moved, boxes).commit()
             if answer.is_resync:
                 pairs = rows(answer.pairs)
@@ -52,8 +52,8 @@ def main() -> None:
             colors = np.tile(np.array(FREE, np.uint8), (given.boxes, 1))
             colors[ends.reshape(-1)] = TOUCHING
             rr.set_time("step", sequence=step)
-            rr.log("scene/boxes", rr.Boxes3D(centers=places, half_sizes=halves, colors=colors))
-            rr.log("scene/pairs", rr.LineStrips3D(places[ends], colors=[LINE]))
+            rr.log("scene/boxes", rr.Boxes3D(centers=slots, half_sizes=halves, colors=colors))
+            rr.log("scene/pairs", rr.LineStrips3D(slots[ends], colors=[LINE]))
             rr.log("changes/begun", rr.Scalars(len(answer.begun)))
             rr.log("changes/ended", rr.Scalars(len(answer.ended)))
             rr.log("pairs", rr.Scalars(len(pairs)))

@@ -27,7 +27,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=100)
     given = parser.parse_args()
     worlds, random = given.worlds, np.random.default_rng(1)
-    places = random.uniform(-WORLD, WORLD, (worlds, BOXES, 3)).astype(np.float32)
+    slots = random.uniform(-WORLD, WORLD, (worlds, BOXES, 3)).astype(np.float32)
     speeds = random.normal(0, 4, (worlds, BOXES, 3)).astype(np.float32)
     touches = np.zeros(worlds, np.int64)
     session = pairmask.Session()
@@ -36,14 +36,14 @@ def main() -> None:
     for _ in range(given.steps):
         # Box 0 of each world is its agent, which acts at random.
         speeds[:, 0] = random.normal(0, 2, (worlds, 3))
-        places += STEP * speeds
-        speeds[np.abs(places) > WORLD] *= -1
-        np.clip(places, -WORLD, WORLD, out=places)
+        slots += STEP * speeds
+        speeds[np.abs(slots) > WORLD] *= -1
+        np.clip(slots, -WORLD, WORLD, out=slots)
         frame = session.frame(worlds * BOXES)
         # Written where it lies: in memory that is shared with the daemon, if one serves.
         boxes = frame.boxes.reshape(worlds, BOXES, 6)
-        np.subtract(places, HALF, out=boxes[..., :3])
-        np.add(places, HALF, out=boxes[..., 3:])
+        np.subtract(slots, HALF, out=boxes[..., :3])
+        np.add(slots, HALF, out=boxes[..., 3:])
         # An array over the frame's memory has to be dropped before the frame is submitted.
         del boxes
         with frame.submit(filters=rules).wait() as mask:

@@ -55,7 +55,7 @@ pub fn swept_by(py: Python<'_>, boxes: Rows, displacements: Numbers<3>) -> PyRes
 }
 
 /// The boxes (n, 6) around local boxes (n, 6) that matrices transform: (n, 3, 4) or (n, 4, 4), a point p to
-/// `m[:3, :3] @ p + m[:3, 3]`. They contain the corners, whatever is rounded.
+/// `m[:3, :3] @ p + m[:3, 3]`. They contain the corners, regardless of what is rounded.
 #[pyfunction]
 pub fn transformed(py: Python<'_>, locals: Rows, matrices: &Bound<'_, PyAny>) -> PyResult<Array> {
     let locals = locals.boxes(py)?;
@@ -69,7 +69,7 @@ pub fn transformed(py: Python<'_>, locals: Rows, matrices: &Bound<'_, PyAny>) ->
 }
 
 /// The boxes (n, 6) around local boxes (n, 6) that are scaled (n, 3), turned by quaternions `x y z w` (n, 4), and
-/// moved (n, 3). They contain the corners, whatever is rounded.
+/// moved (n, 3). They contain the corners, regardless of what is rounded.
 #[pyfunction]
 #[pyo3(signature = (locals, translation, rotation=None, scale=None))]
 pub fn placed(

@@ -25,7 +25,7 @@ fn reported<E: Display + Debug>(error: &E) -> (String, String) {
 pub fn raised(error: Error) -> PyErr {
     match error {
         Error::NoMemory { .. } => PyMemoryError::new_err(error.to_string()),
-        Error::Tags { .. } | Error::Listed { .. } => invalid(error),
+        Error::FilterData { .. } | Error::Listed { .. } => invalid(error),
         Error::Timeout { .. } => classes::WaitTimeout::new_err(reported(&error)),
         Error::Connect(error) => classes::ConnectError::new_err(reported(&error)),
         _ => classes::PairmaskError::new_err(reported(&error)),

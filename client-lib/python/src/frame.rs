@@ -3,6 +3,7 @@
 use std::sync::{Arc, MutexGuard};
 use std::time::Duration;
 
+use bytemuck::cast_slice_mut;
 use pairmask::{Frame, FrameOptions, PairMask, Pending, Quantized, Sphere};
 use pyo3::exceptions::{PyAttributeError, PyBufferError};
 use pyo3::prelude::*;
@@ -54,8 +55,12 @@ impl PyFrame {
     fn view(&self, py: Python<'_>, columns: usize) -> PyResult<Array> {
         let owner = || Box::new(Arc::clone(&self.frame));
         let array = self.frame.with(py, |frame| match (frame, columns) {
-            (AnyFrame::Boxes(frame), 6) => Some(Array::over(frame.raw_mut(), owner())),
-            (AnyFrame::Spheres(frame), 4) => Some(Array::over(frame.raw_mut(), owner())),
+            (AnyFrame::Boxes(frame), 6) => {
+                Some(Array::over(cast_slice_mut::<_, [f32; 6]>(frame.boxes_mut()), owner()))
+            }
+            (AnyFrame::Spheres(frame), 4) => {
+                Some(Array::over(cast_slice_mut::<_, [f32; 4]>(frame.spheres_mut()), owner()))
+            }
             _ => None,
         })?;
         let text = "this frame has no such array: write() fills it";
@@ -166,8 +171,8 @@ impl PyPendingFrame {
     }
 
     /// The pairs if the answer has come, else `None`.
-    fn try_take(&self, py: Python<'_>) -> PyResult<Option<PyPairMask>> {
-        let received = self.pending.with_detached(py, Pending::try_take)?;
+    fn try_receive(&self, py: Python<'_>) -> PyResult<Option<PyPairMask>> {
+        let received = self.pending.with_detached(py, Pending::try_receive)?;
         received.map(|mask| mask.map(PyPairMask::new)).map_err(raised)
     }
 }

@@ -28,7 +28,7 @@ impl<T: Send> Guarded<T> {
 
     /// What is raised where there is no object any more.
     pub fn closed(&self) -> PyErr {
-        misused(self.text, "Gone")
+        misused(self.text, "Closed")
     }
 
     /// Calls `f` with the object; other Python threads wait for its end, so that it has to be quick.

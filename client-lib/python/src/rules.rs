@@ -1,8 +1,8 @@
-//! Rules of which boxes may meet: tags by index, filters, lists of pairs.
+//! Rules of which boxes may meet: filter data by index, filters, lists of pairs.
 
 use std::sync::Arc;
 
-use pairmask::filters::{Filter, FilterId, FilterTable, Owner, Rules, Tag, World};
+use pairmask::filters::{Filter, FilterData, FilterId, FilterTable, Owner, Rules, World};
 use pyo3::buffer::PyBuffer;
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
@@ -58,7 +58,7 @@ impl PyFilter {
     }
 }
 
-/// The filters of a scene or of a frame's rules, by the numbers that tags name.
+/// The filters of a scene or of a frame's rules, by the numbers that filter data names.
 #[pyclass(frozen, name = "FilterTable", module = "pairmask")]
 pub struct PyFilterTable(pub Arc<FilterTable>);
 
@@ -85,30 +85,35 @@ impl PyFilterTable {
     }
 }
 
-/// A part of tags: nothing, a number for all, or an array (n) with a number for each.
+/// A part of filter data: nothing, a number for all, or an array (n) with a number for each.
 pub type Part<'a, 'py> = Option<&'a Bound<'py, PyAny>>;
 
 /// Worlds, owners, filters and static flags.
 type Columns = (PyBuffer<i32>, PyBuffer<u32>, PyBuffer<u16>, PyBuffer<u8>);
 
-/// Tags of `n` boxes, or of as many as the first array of the parts has; a single one where no part is an array.
-/// World, owner, filter and whether it is static are the parts. What is not given is that of a box without a tag.
-pub fn tags(py: Python<'_>, n: Option<usize>, parts: [Part<'_, '_>; 4]) -> PyResult<Vec<Tag>> {
-    let columns = imported!(py, "pairmask._convert", "tags")?.call1((n, parts))?;
+/// Filter data of `n` boxes, or of as many as the first array of the parts has; a single one where no part is an array.
+/// World, owner, filter and whether it is static are the parts. What is not given is that of a box without filter data.
+pub fn filter_data(
+    py: Python<'_>,
+    n: Option<usize>,
+    parts: [Part<'_, '_>; 4],
+) -> PyResult<Vec<FilterData>> {
+    let columns = imported!(py, "pairmask._convert", "filter_data")?.call1((n, parts))?;
     let (worlds, owners, filters, flags): Columns = columns.extract()?;
     let named = worlds.to_vec(py)?.into_iter().zip(owners.to_vec(py)?);
     let rest = filters.to_vec(py)?.into_iter().zip(flags.to_vec(py)?);
-    let tag = |((world, owner), (filter, flag))| {
-        Tag::new(World(world), Owner(owner), FilterId(filter)).with_static(flag != 0)
+    let filter_data = |((world, owner), (filter, flag))| {
+        FilterData::new(World(world), Owner(owner), FilterId(filter)).with_static(flag != 0)
     };
-    Ok(named.zip(rest).map(tag).collect())
+    Ok(named.zip(rest).map(filter_data).collect())
 }
 
-/// A table by which boxes without a tag meet as boxes that all have this one, of whatever number.
-fn table_of_one(tag: Tag, table: &FilterTable) -> PyResult<FilterTable> {
+/// A table by which boxes without filter data meet as boxes that all have this one, of any number.
+fn table_of_one(filter_data: FilterData, table: &FilterTable) -> PyResult<FilterTable> {
     // Boxes of one owner never meet.
-    let filter = if tag.owner == Owner::NONE { table.get(tag.filter) } else { Filter::NONE };
-    let filter = filter.with_static(filter.is_static || tag.is_static());
+    let filter =
+        if filter_data.owner == Owner::NONE { table.get(filter_data.filter) } else { Filter::NONE };
+    let filter = filter.with_static(filter.is_static || filter_data.is_static());
     FilterTable::new(&[filter]).map_err(invalid)
 }
 
@@ -140,13 +145,13 @@ impl PyRules {
             rules.table = (*table.0).clone();
         }
         if parts.iter().any(Option::is_some) {
-            rules.tags = tags(py, None, parts)?;
+            rules.filter_data = filter_data(py, None, parts)?;
         }
-        if let [tag] = rules.tags[..]
+        if let [filter_data] = rules.filter_data[..]
             && !parts.iter().flatten().any(|part| part.len().is_ok())
         {
-            rules.tags.clear();
-            rules.table = table_of_one(tag, &rules.table)?;
+            rules.filter_data.clear();
+            rules.table = table_of_one(filter_data, &rules.table)?;
         }
         for pair in include.into_iter().flat_map(|pairs| pairs.0) {
             rules.lists.include(pair, true);
@@ -157,13 +162,13 @@ impl PyRules {
         Ok(Self(Arc::new(rules)))
     }
 
-    /// Boxes that have a tag of their own.
+    /// Boxes with filter data of their own.
     fn __len__(&self) -> usize {
-        self.0.tags.len()
+        self.0.filter_data.len()
     }
 
     fn __repr__(&self) -> String {
-        format!("<Rules of {} boxes>", self.0.tags.len())
+        format!("<Rules of {} boxes>", self.0.filter_data.len())
     }
 
     /// Whether the boxes of two indices may be a pair.

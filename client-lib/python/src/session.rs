@@ -51,7 +51,7 @@ impl PySession {
     #[new]
     #[pyo3(signature = (
         backend="auto", *, instance=None, runtime_dir=None, engine="auto", encoding="auto", threads=None,
-        visit_threads=None, answer_repeats=true, isa=None, spin=None, deadline=None, capacity=None,
+        iterate_threads=None, answer_repeats=true, isa=None, spin=None, deadline=None, capacity=None,
     ))]
     fn new(
         py: Python<'_>,
@@ -61,7 +61,7 @@ impl PySession {
         engine: &str,
         encoding: &str,
         threads: Option<usize>,
-        visit_threads: Option<usize>,
+        iterate_threads: Option<usize>,
         answer_repeats: bool,
         isa: Option<&str>,
         spin: Option<f64>,
@@ -78,7 +78,7 @@ impl PySession {
         let builder = instance.into_iter().fold(builder, SessionBuilder::instance);
         let builder = runtime_dir.into_iter().fold(builder, SessionBuilder::runtime_dir);
         let builder = threads.into_iter().fold(builder, SessionBuilder::threads);
-        let builder = visit_threads.into_iter().fold(builder, SessionBuilder::visit_threads);
+        let builder = iterate_threads.into_iter().fold(builder, SessionBuilder::iterate_threads);
         let isa = isa.map(|name| name.parse().map_err(invalid)).transpose()?;
         let builder = isa.into_iter().fold(builder, SessionBuilder::isa);
         let spin = spin.map(seconds).transpose()?;
@@ -129,7 +129,7 @@ impl PySession {
         pairs_after(py, || frame.submit())
     }
 
-    /// A scene that persists: edits go in, pairs that began and ended come out. With `margins`, "exact" or "near",
+    /// A persistent scene: edits go in, pairs that began and ended come out. With `margins`, "exact" or "near",
     /// boxes are sent only when they have left theirs.
     #[pyo3(signature = (*, most_boxes=None, threads=None, margins=None, usual_margin=0.0))]
     fn scene(

@@ -44,7 +44,7 @@ def test_options_are_checked(options: dict[str, Any], error: type[Exception]) ->
 
 def test_all_options_are_accepted() -> None:
     pairmask.Session(
-        "in-process", deadline=float("inf"), spin=0, threads=1, visit_threads=1, isa="portable", capacity=9
+        "in-process", deadline=float("inf"), spin=0, threads=1, iterate_threads=1, isa="portable", capacity=9
     ).close()
 
 
@@ -57,7 +57,7 @@ def test_a_session_has_three_frames(daemon: Daemon) -> None:
         assert kind_of(lambda: session.frame(10), "three frames") == "TooManyFrames"
         mask.release()
         session.frame(10)
-        assert kind_of(mask.pairs, "released") == "Gone"
+        assert kind_of(mask.pairs, "released") == "Closed"
         assert len(pairs) == 45 == mask.count
 
 
@@ -117,9 +117,9 @@ def test_what_is_used_up_says_so(session: pairmask.Session) -> None:
     pending = frame.submit()
     submitted: list[Any] = [frame.submit, lambda: frame.boxes, lambda: frame.write(oracle.boxes_of(2, 1))]
     for use in submitted:
-        assert kind_of(use, "submitted") == "Gone"
-    assert pending.try_take() is not None
-    assert kind_of(pending.try_take) == "Taken"
+        assert kind_of(use, "submitted") == "Closed"
+    assert pending.try_receive() is not None
+    assert kind_of(pending.try_receive) == "AlreadyReceived"
     with pytest.raises(pairmask.PairmaskError):
         pending.wait(timeout=0.1)
     for timeout in (-1.0, float("nan")):
@@ -127,8 +127,8 @@ def test_what_is_used_up_says_so(session: pairmask.Session) -> None:
             pending.wait(timeout)
     assert kind_of(lambda: session.join_scene("a")) == "NeedsDaemon"
     session.close()
-    assert kind_of(lambda: session.frame(1), "the session was closed") == "Gone"
-    assert kind_of(lambda: scene.edit().set(3, UNIT).commit("nothing"), "the scene was closed") == "Gone"
+    assert kind_of(lambda: session.frame(1), "the session was closed") == "Closed"
+    assert kind_of(lambda: scene.edit().set(3, UNIT).commit("nothing"), "the scene was closed") == "Closed"
     assert repr(scene) == "<Scene, closed or being edited>" and repr(session) == "<Session, closed>"
     session.close()
 

@@ -83,7 +83,7 @@ def test_numbers_for_all_are_for_frames_of_any_number(session: pairmask.Session)
             oracle.check(session.cull([UNIT] * n, rules), expected, given)
             assert {pair for pair in every if rules.meet(*pair)} == expected
             # The same with a number for each.
-            each: Any = {name: of if name == "table" else [of] * n for name, of in given.items()}
+            each: Any = {name: of if name == "table" else [of] * n for name, of in given.entries()}
             oracle.check(session.cull([UNIT] * n, Rules(include=[0, 1], exclude=[[1, 2]], **each)), expected, each)
     assert len(Rules()) == len(Rules(owners=7)) == 0 and len(Rules(owners=7, worlds=[1, 1])) == 2
 
@@ -112,8 +112,8 @@ def test_what_is_wrong_with_rules(given: Any, error: type[Exception]) -> None:
 @pytest.mark.parametrize(
     ("rules", "text"),
     [
-        (Rules(worlds=[1, 2, 3]), "3 tags for 4 boxes"),
-        (Rules(worlds=[1, 2, 3, 4, 5], owners=3), "5 tags for 4 boxes"),
+        (Rules(worlds=[1, 2, 3]), "filter data of 3 boxes for 4 boxes"),
+        (Rules(worlds=[1, 2, 3, 4, 5], owners=3), "filter data of 5 boxes for 4 boxes"),
         (Rules(exclude=[[0, 4]]), "box 4 of a frame of 4"),
     ],
 )

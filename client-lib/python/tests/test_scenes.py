@@ -31,14 +31,14 @@ def test_changes_have_reasons(daemon: Daemon, backend: str, margins: Any) -> Non
         boxes = [at(10 * (index // 2) + index % 2 / 2) for index in range(10)]
         answer = scene.edit().set(range(10), boxes, *margin).commit()
         assert (answer.begun.tolist(), answer.pair_count, answer.is_resync) == (pairs, 5, False)
-        edit = scene.edit().remove(1).set(3, at(99), *margin).switch([4], False).make_static(range(6, 8))
+        edit = scene.edit().remove(1).set(3, at(99), *margin).set_enabled([4], False).make_static(range(6, 8))
         answer = edit.commit()
         assert answer.begun.tolist() == [] and answer.ended.tolist() == pairs[:4]
         reasons = [EndReason.REMOVED, EndReason.SEPARATED, EndReason.FILTERED, EndReason.FILTERED]
         assert answer.ended_reasons.tolist() == reasons and len(scene) == 9
         # An answer that nobody waits for: the next one makes up for it.
         scene.edit().set(1, at(0.5), *margin).submit().close()
-        answer = scene.edit().switch(4, True).make_static(6, False).submit().wait()
+        answer = scene.edit().set_enabled(4, True).make_static(6, False).submit().wait()
         assert answer.begun.tolist() == [pairs[0], pairs[2], pairs[3]] and answer.ended.shape == (0, 2)
         # Another box at the same index.
         answer = scene.edit().remove(8).set(8, boxes[8], *margin).commit()
@@ -60,7 +60,7 @@ def test_near_pairs_and_what_is_sent(session: pairmask.Session) -> None:
     assert inflated is not None and inflated[0] <= -0.5
     # Queries are of the boxes as they were set.
     assert scene.query(at(1.05)).tolist() == [[0, 1]]
-    assert scene.edit().tag(0, world=1).tag(1, world=2).commit().ended.tolist() == [[0, 1]]
+    assert scene.edit().set_filter(0, world=1).set_filter(1, world=2).commit().ended.tolist() == [[0, 1]]
     for wrong in (-1.0, float("nan"), [0.1, 0.2]):
         with pytest.raises((ValueError, pairmask.PairmaskError)):
             scene.edit().set(0, at(0), wrong).commit()
@@ -106,7 +106,7 @@ def test_indices_of_all_kinds(session: pairmask.Session) -> None:
         ("give one for each", lambda edit: edit.set(range(3), [UNIT] * 2)),
         ("set twice", lambda edit: edit.set([1, 1], [UNIT] * 2)),
         ("has no box", lambda edit: edit.remove(9)),
-        ("index 9 has no box", lambda edit: edit.tag(9, world=1)),
+        ("index 9 has no box", lambda edit: edit.set_filter(9, world=1)),
     ],
 )
 @MARGINS
@@ -128,29 +128,29 @@ def test_an_edit_is_used_once(session: pairmask.Session) -> None:
     edit = scene.edit()
     edit.commit()
     for use in (edit.commit, lambda: edit.remove(0)):
-        assert kind_of(use, "committed") == "Gone"
+        assert kind_of(use, "committed") == "Closed"
     assert kind_of(scene.edit().set(0, UNIT, margin=0.5).commit, "no margins") == "Edit"
     with pytest.raises(ValueError, match="exact, near"):
         session.scene(margins="some")  # type: ignore[arg-type]
     scene.close()
-    assert kind_of(scene.edit().commit) == "Gone"
+    assert kind_of(scene.edit().commit) == "Closed"
 
 
 def test_rules_of_scenes(session: pairmask.Session) -> None:
     boxes = [UNIT] * 6
     scene = session.scene()
     table = FilterTable([Filter(1, 2), Filter(2, 3)])
-    edit = scene.edit().set(range(6), boxes).filters(table).tag(range(6), world=[0, 0, 1, 1, -1, 1], filter=1)
+    edit = scene.edit().set(range(6), boxes).filter_table(table).set_filter(range(6), world=[0, 0, 1, 1, -1, 1], filter=1)
     found = {(0, 1), (2, 3), (2, 5), (3, 5), *((a, 4) for a in range(4)), (4, 5)}
     oracle.check(edit.commit("all").pairs, found)
     answer = scene.edit().exclude([[0, 1], [2, 3]]).include([4, 0]).commit()
     assert answer.ended.tolist() == [[0, 1], [2, 3]]
     assert set(answer.ended_reasons.tolist()) == {EndReason.FILTERED}
-    answer = scene.edit().exclude([[0, 1]], on=False).tag([2, 3], world=1, filter=0).commit()
+    answer = scene.edit().exclude([[0, 1]], on=False).set_filter([2, 3], world=1, filter=0).commit()
     assert answer.begun.tolist() == [[0, 1]]
     assert len(scene.query(boxes[:1], world=1, filter=1)) == 4
     assert scene.query(boxes[:2], world=[0, 1], filter=1)[:, 1].tolist() == [0, 1, 4, 2, 3, 4, 5]
-    assert scene.edit().tag(range(6), owner=3).tag(5, is_static=True, world=1).commit("all").pairs.tolist() == [[0, 4]]
+    assert scene.edit().set_filter(range(6), owner=3).set_filter(5, is_static=True, world=1).commit("all").pairs.tolist() == [[0, 4]]
     with pytest.raises(ValueError, match="2 worlds for 6 boxes: give one for each"):
         scene.query(boxes, world=[1, 2])
 
@@ -181,10 +181,10 @@ def test_a_scene_is_left_alone_while_its_edit_is_under_way(daemon: Daemon, backe
             answer = pending.wait()
         oracle.check(answer.pairs, oracle.pairs_of(boxes))
         assert answer.served_by == ("in-process" if backend == "in-process" else "daemon")
-        assert [kind_of(pending.wait) for _ in range(2)] == ["Gone"] * 2
+        assert [kind_of(pending.wait) for _ in range(2)] == ["Closed"] * 2
         # The edit was not lost.
         oracle.check(next_edit.commit("all").pairs, oracle.pairs_of(np.vstack([boxes[50:], boxes[50:]])))
-        assert kind_of(pending.wait) == kind_of(next_edit.submit) == "Gone"
+        assert kind_of(pending.wait) == kind_of(next_edit.submit) == "Closed"
 
 
 @BACKENDS
@@ -199,7 +199,7 @@ def test_answers_that_are_discarded_are_reported_again(daemon: Daemon, backend: 
             if step % 3 == 1:
                 pending.close()
                 pending.close()
-                assert kind_of(pending.wait) == "Gone"
+                assert kind_of(pending.wait) == "Closed"
             elif step % 3 == 2:
                 with pending:
                     pass
@@ -219,7 +219,7 @@ def test_a_scene_that_is_closed_ends_its_edit(daemon: Daemon, backend: str, marg
     with daemon.session(backend) as session:
         with session.scene(**options) as scene:
             pending = scene.edit().set(range(3), oracle.boxes_of(3, 1), *margin).submit()
-        assert kind_of(pending.wait) == kind_of(scene.edit().submit) == "Gone"
+        assert kind_of(pending.wait) == kind_of(scene.edit().submit) == "Closed"
         pending.close()
         assert session.served_by() == ("in-process" if backend == "in-process" else "daemon")
 
@@ -253,7 +253,7 @@ def test_a_daemon_that_dies_while_an_edit_is_under_way(daemon: Daemon) -> None:
             oracle.check(pending[1].wait().pairs, oracle.pairs_of(boxes))
         except pairmask.PairmaskError as error:
             assert error.kind in ("DaemonDied", "NoDaemon")
-        assert kind_of(pending[1].wait) == "Gone" and len(other) == 500
+        assert kind_of(pending[1].wait) == "Closed" and len(other) == 500
         answer = scene.edit().submit("all").wait()
         assert answer.served_by == "in-process"
         oracle.check(answer.pairs, oracle.pairs_of(boxes))

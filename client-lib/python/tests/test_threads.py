@@ -30,7 +30,7 @@ def test_other_threads_run_while_one_waits_for_a_tick(daemon: Daemon) -> None:
             ended: list[object] = []
             counted, took = count_while(lambda: ended.extend(in_threads(2, lambda _: pending.wait().tick)))
     # An answer is for one of two threads that wait for it.
-    assert sorted(map(str, ended)) == ["2", "Gone"] and counted > 1000, (ended, counted)
+    assert sorted(map(str, ended)) == ["2", "Closed"] and counted > 1000, (ended, counted)
 
 
 def test_two_threads_cannot_wait_for_one_frame(daemon: Daemon) -> None:
@@ -40,7 +40,7 @@ def test_two_threads_cannot_wait_for_one_frame(daemon: Daemon) -> None:
         frame.write(boxes)
         pending = frame.submit()
         answers = in_threads(2, lambda _: pending.wait().count)
-    assert "Gone" in answers and any(isinstance(answer, int) for answer in answers)
+    assert "Closed" in answers and any(isinstance(answer, int) for answer in answers)
 
 
 @pytest.mark.parametrize("backend", ["in-process", "auto", "daemon"])

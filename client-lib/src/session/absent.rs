@@ -7,11 +7,10 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask_core::rhythm::{Answered, Expected};
-use pairmask_wire::{Page, ReplyError, RequestHeader, ResponseHeader};
+use pairmask_core::pacing::{Answered, Expected};
+use pairmask_wire::{CachedRules, Page, RequestHeader, ResponseHeader};
 
 use super::error::{ConnectError, Error, Loss};
-use super::kept_rules::KeptRules;
 use super::settings::{Backend, Settings};
 
 /// A type without a value. A struct with a private field of it can be named and never made.
@@ -29,6 +28,12 @@ pub enum LimitError {}
 /// A step of the transport that failed: never made in this build.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum TransportError {}
+
+/// A connection's error: never made in this build.
+#[derive(Debug)]
+pub(super) enum LinkError {
+    TooManyFrames,
+}
 
 /// Types without a value, and what is called of them.
 macro_rules! never {
@@ -49,15 +54,14 @@ never! {
         fn pages(&Self) -> &[Page];
         fn pages_mut(&mut Self) -> &mut [Page];
     }
-    SentRequest {
-        fn pages(&Self) -> &[Page];
-    }
-    ResponseSample {}
     CheckedResponse {
         fn pages(&Self) -> &[Page];
     }
+    AnswerMemory {
+        fn pages(&Self) -> &[Page];
+    }
     LeftDaemon {
-        fn is_gone(&Self) -> bool;
+        fn has_ended(&Self) -> bool;
         fn has_run(&Self) -> bool;
     }
     Slot {
@@ -65,28 +69,37 @@ never! {
     }
     Unsent {
         fn pages(&Self) -> Option<&[Page]>;
-        fn loss(&Self) -> Loss;
-        fn into_error(Self) -> Error;
+    }
+    Exchange {
+        fn link(&Self) -> &Arc<Link>;
+        fn pages(&Self) -> &[Page];
+        fn into_slot(Self) -> Slot;
+        fn has_come(&mut Self, Expected, Duration, Instant) -> bool;
+        fn has_come_by(&mut Self, Instant) -> bool;
+        fn is_answered(&Self) -> bool;
+        fn take(&mut Self) -> Result<(ResponseHeader, CheckedResponse, Duration), LinkError>;
+        fn end(Self, Expected, Duration, Duration) -> Result<Answer, LinkError>;
+        fn received(Self) -> Result<Answer, LinkError>;
+        fn hold(Self, CheckedResponse) -> AnswerMemory;
     }
     Link {
         fn token(&Self) -> u64;
         fn is_alive(&Self) -> bool;
         fn has_answered(&Self) -> bool;
         fn left(&Self) -> LeftDaemon;
-        fn kept_rules(&Self) -> &KeptRules;
-        fn say_refused(&Self, &ReplyError);
-        fn check(&Self, ResponseSample) -> Option<(ResponseHeader, CheckedResponse)>;
+        fn cached_rules(&Self) -> &CachedRules;
+        fn refuse(&Self) -> bool;
         fn note_frame(&Self, Answered);
         fn expect(&Self, u32) -> Expected;
-        fn receive(
-            &Self, &mut SentRequest, Instant, Expected, Duration, Instant, &mut Vigil
-        ) -> Result<Option<ResponseSample>, Error>;
     }
 }
 
-/// Looks at a daemon.
-#[derive(Default)]
-pub(super) struct Vigil(());
+/// The answer to a request.
+pub(super) struct Answer {
+    pub header: ResponseHeader,
+    pub memory: AnswerMemory,
+    pub round_trip: Duration,
+}
 
 /// Shared memory for a request.
 pub(super) struct SharedFrame {
@@ -95,39 +108,58 @@ pub(super) struct SharedFrame {
 }
 
 impl SharedFrame {
-    pub(super) const fn lend(slot: Slot, _: u64) -> Result<Self, Error> {
+    pub(super) const fn lend(slot: Slot, _: u64) -> Result<Self, LinkError> {
         match slot.0 {}
     }
 
-    pub(super) fn grown(self, _: u64, _: u64) -> Result<Self, (Error, Option<Self>)> {
-        match self.slot.0 {}
-    }
-
-    pub(super) fn send(self, _: &RequestHeader) -> Result<(SentRequest, Slot), Unsent> {
+    pub(super) fn enlarged(self, _: u64, _: u64) -> Result<Self, (LinkError, Option<Self>)> {
         match self.slot.0 {}
     }
 }
 
+impl Exchange {
+    pub(super) fn begin(shared: SharedFrame, _: &RequestHeader) -> Result<Self, Unsent> {
+        match shared.slot.0 {}
+    }
+}
+
 impl Link {
-    /// The backend that a session uses for the one asked for: without a transport, frames are
-    /// answered in process.
-    pub(super) const fn backend(asked: Backend) -> Result<Backend, ConnectError> {
-        match asked {
-            Backend::Auto | Backend::InProcess => Ok(Backend::InProcess),
-            Backend::Daemon => Err(ConnectError::NotBuiltIn),
-        }
-    }
-
-    pub(super) const fn open(_: &Settings) -> Result<Self, ConnectError> {
-        Err(ConnectError::NotBuiltIn)
-    }
-
-    pub(super) fn loan(self: &Arc<Self>, _: u64) -> Result<SharedFrame, Error> {
+    pub(super) fn loan(self: &Arc<Self>, _: u64) -> Result<SharedFrame, LinkError> {
         match self.0 {}
     }
+}
+
+/// The backend that a session uses for the one asked for: without a transport, frames are answered in process.
+pub(super) const fn backend(asked: Backend) -> Result<Backend, ConnectError> {
+    match asked {
+        Backend::Auto | Backend::InProcess => Ok(Backend::InProcess),
+        Backend::Daemon => Err(ConnectError::NotBuiltIn),
+    }
+}
+
+pub(super) const fn open(_: &Settings) -> Result<Link, ConnectError> {
+    Err(ConnectError::NotBuiltIn)
 }
 
 /// The error of a session that finds no daemon.
 pub(super) const fn no_daemon(_: &Settings) -> ConnectError {
     ConnectError::NotBuiltIn
+}
+
+impl From<LinkError> for Error {
+    fn from(error: LinkError) -> Self {
+        match error {
+            LinkError::TooManyFrames => Self::TooManyFrames,
+        }
+    }
+}
+
+impl From<Unsent> for Error {
+    fn from(unsent: Unsent) -> Self {
+        match unsent.0 {}
+    }
+}
+
+pub(super) const fn loss_of(unsent: &Unsent) -> Loss {
+    match unsent.0 {}
 }

@@ -50,7 +50,7 @@ impl Default for SessionBuilder {
                 engine: EngineChoice::Auto,
                 encoding: EncodingChoice::Auto,
                 threads: None,
-                visit_threads: None,
+                iterate_threads: None,
                 answer_repeats: true,
                 isa: AvailableIsa::best(),
                 spin: DEFAULT_SPIN,
@@ -103,17 +103,17 @@ impl SessionBuilder {
         self
     }
 
-    /// Threads with which pairs are visited ([`PairMask::par_pairs`](super::PairMask::par_pairs)); one
-    /// unless set. The plan weighs the time of visiting against that of finding the pairs: which
+    /// Threads with which pairs are iterated over ([`PairMask::par_pairs`](super::PairMask::par_pairs)); one
+    /// unless set. The plan weighs the time of that against that of finding the pairs: which
     /// engine and which encoding are best depends on it. The pairs do not.
-    pub fn visit_threads(mut self, threads: usize) -> Self {
-        self.settings.visit_threads = Some(threads.max(1));
+    pub fn iterate_threads(mut self, threads: usize) -> Self {
+        self.settings.iterate_threads = Some(threads.max(1));
         self
     }
 
     /// Whether a frame that is equal to the last one, bit by bit, gets that one's answer without an engine;
     /// `true` unless set. A paused game then costs a comparison of its boxes
-    /// ([`SkipMeter::is_repeat`](pairmask_core::engine::SkipMeter::is_repeat) tells). Measurements of engines set it
+    /// ([`SkipMeter::is_repeat`](pairmask_core::engine::SkipMeter::is_repeat) reports). Measurements of engines set it
     /// to `false`, or name an engine: a named engine always works.
     pub fn answer_repeats(mut self, answer_repeats: bool) -> Self {
         self.settings.answer_repeats = answer_repeats;

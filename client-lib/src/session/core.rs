@@ -6,18 +6,17 @@ use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use pairmask_core::pacing::Expected;
 use pairmask_core::units::BoxCount;
-use pairmask_wire::{ReplyFields, RequestHeader, RulesLayout, SceneId, StatusBody};
+use pairmask_wire::{ReplyError, ReplyFields, RequestHeader, RulesLayout, SceneId, StatusBody};
 
 use super::error::{ConnectError, Error, Loss};
-use super::exchange::Exchange;
-use super::link::{Link, SharedFrame, no_daemon};
+use super::link::{self, Answer, Exchange, LeftDaemon, Link, LinkError, SharedFrame, no_daemon};
 use super::local::Local;
 use super::pairs::ServedBy;
 use super::settings::{Backend, Settings};
 use super::spares::lock;
 use super::unread::{Ending, Unread, UnreadEdits};
-use crate::transport::LeftDaemon;
 
 /// A missing daemon is looked for this often at most, which costs 10 µs: one that was killed is back after some 40 ms.
 const LOOK_INTERVAL: Duration = Duration::from_millis(10);
@@ -123,7 +122,7 @@ pub(super) struct Core {
     local: Local,
     connection: Mutex<Connection>,
     frames: AtomicU64,
-    /// Bytes that frames have room for behind boxes and tags; 0 before the first frame with rules.
+    /// Bytes that frames have room for behind boxes and filter data; 0 before the first frame with rules.
     rules_room: AtomicU64,
     scenes: AtomicU32,
     unread: UnreadEdits,
@@ -131,7 +130,7 @@ pub(super) struct Core {
 
 impl Core {
     pub(super) fn new(mut settings: Settings) -> Result<Self, ConnectError> {
-        settings.backend = Link::backend(settings.backend)?;
+        settings.backend = link::backend(settings.backend)?;
         let local = Local::new(settings.clone());
         let core = Self {
             settings,
@@ -173,7 +172,7 @@ impl Core {
         self.unread.of_new_scene()
     }
 
-    /// Tells the daemon that a scene has ended: now, where a place is free, or else before the session's next
+    /// Informs the daemon that a scene has ended: now, where a place is free, or else before the session's next
     /// request. Waits a moment for the daemon to be done with the scene: a session that ends right afterwards
     /// leaves nothing under way.
     pub(super) fn end_scene(&self, link: &Arc<Link>, header: &RequestHeader, last: &Arc<Unread>) {
@@ -181,8 +180,8 @@ impl Core {
         let deadline = Instant::now() + END_WITHIN;
         // The scene's last edit may hold the last place: the end goes out once that is answered.
         for _ in 0..2 {
-            // Without a place the next request tells it.
-            let _ = self.unread.report_ended(link, || self.place_now(link, 0));
+            // Without a place the next request reports it.
+            let _ = self.unread.report_ended(link, || self.lend_now(link, 0));
             self.unread.wait_for_ended(link, deadline);
         }
     }
@@ -190,34 +189,34 @@ impl Core {
     /// Shared memory for `bytes` bytes of a request. Where no place is free, waits for one that is held by
     /// an edit that nobody else waits for. Ended scenes are reported to the daemon before.
     pub(super) fn loan(&self, link: &Arc<Link>, bytes: u64) -> Result<SharedFrame, Error> {
-        match self.unread.report_ended(link, || self.place(link, 0)) {
+        match self.unread.report_ended(link, || self.position(link, 0)) {
             // Frames hold all places, as those of this request will say unless one was dropped just now.
-            Ok(()) | Err(Error::TooManyFrames) => self.place(link, bytes),
+            Ok(()) | Err(Error::TooManyFrames) => self.position(link, bytes),
             Err(error) => Err(error),
         }
     }
 
-    fn place(&self, link: &Arc<Link>, bytes: u64) -> Result<SharedFrame, Error> {
+    fn position(&self, link: &Arc<Link>, bytes: u64) -> Result<SharedFrame, Error> {
         loop {
-            match self.place_now(link, bytes) {
+            match self.lend_now(link, bytes) {
                 Err(Error::TooManyFrames) => {}
                 loaned => return loaned,
             }
             match self.unread.receive_oldest(link, &self.settings) {
                 Ok(true) => {}
                 // Another thread may have received an answer meanwhile.
-                Ok(false) => return link.loan(bytes),
+                Ok(false) => return Ok(link.loan(bytes)?),
                 Err(how) => return Err(self.give_up(link, how).into()),
             }
         }
     }
 
     /// A place that is free, or held by an edit whose answer has come and that nobody waits for.
-    fn place_now(&self, link: &Arc<Link>, bytes: u64) -> Result<SharedFrame, Error> {
+    fn lend_now(&self, link: &Arc<Link>, bytes: u64) -> Result<SharedFrame, Error> {
         loop {
             match link.loan(bytes) {
-                Err(Error::TooManyFrames) if self.unread.receive_landed(link) => {}
-                loaned => return loaned,
+                Err(LinkError::TooManyFrames) if self.unread.receive_landed(link) => {}
+                loaned => return Ok(loaned?),
             }
         }
     }
@@ -230,13 +229,13 @@ impl Core {
     pub(super) fn room_for_rules(&self, n: BoxCount) -> u64 {
         match self.rules_room.load(Ordering::Relaxed) {
             0 => 0,
-            beside_tags => RulesLayout::tag_bytes(n) + beside_tags,
+            beside_filter_data => RulesLayout::filter_data_bytes(n) + beside_filter_data,
         }
     }
 
     /// Has the frames to come have room for rules like these.
     pub(super) fn note_rules(&self, layout: &RulesLayout) {
-        self.rules_room.store(layout.bytes_beside_tags(), Ordering::Relaxed);
+        self.rules_room.store(layout.bytes_beside_filter_data(), Ordering::Relaxed);
     }
 
     pub(super) fn served_by(&self) -> ServedBy {
@@ -254,7 +253,7 @@ impl Core {
             return Ok(Arc::clone(link));
         }
         let now = Instant::now();
-        if connection.silence.as_ref().is_some_and(|silence| silence.daemon.is_gone()) {
+        if connection.silence.as_ref().is_some_and(|silence| silence.daemon.has_ended()) {
             // Another one may serve.
             (connection.silence, connection.silences, connection.retry_at) = (None, 0, None);
         }
@@ -273,7 +272,7 @@ impl Core {
             return Err(self.cause(&connection));
         }
         connection.retry_at = Some(now + RECONNECT_INTERVAL);
-        let link = match Link::open(&self.settings) {
+        let link = match link::open(&self.settings) {
             Ok(link) => Arc::new(link),
             Err(error) => {
                 if matches!(error, ConnectError::NoDaemon { .. }) {
@@ -285,7 +284,7 @@ impl Core {
         };
         if self.may_cull_here() && connection.silence.is_some() {
             let begun = link.loan(0);
-            match begun.and_then(|shared| self.status_exchange(shared)) {
+            match begun.map_err(Error::from).and_then(|shared| self.status_exchange(shared)) {
                 Ok((exchange, _)) => {
                     connection.try_by(Trial { link, exchange, until: now + TRIAL_WITHIN });
                 }
@@ -349,6 +348,19 @@ impl Core {
         }
     }
 
+    /// Logs once for a connection that a frame is answered in process, because the daemon's response is an error or
+    /// malformed.
+    pub(super) fn say_refused(&self, link: &Link, why: &ReplyError) {
+        if link.refuse() {
+            log::warn!("a frame is answered in process, and others may be: {why}");
+        }
+    }
+
+    /// Waits for the answer to a request, as long as the session's deadline allows.
+    pub(super) fn end(&self, exchange: Exchange, expected: Expected) -> Result<Answer, Error> {
+        Ok(exchange.end(expected, self.settings.spin, self.settings.deadline)?)
+    }
+
     /// Asks for the daemon's status.
     fn status_exchange(&self, shared: SharedFrame) -> Result<(Exchange, ReplyFields), Error> {
         let asked = ReplyFields {
@@ -363,9 +375,8 @@ impl Core {
     pub(super) fn daemon_status(&self) -> Result<StatusBody, Error> {
         let link = self.link()?;
         let asked = self.status_exchange(self.loan(&link, 0)?);
-        let answered = asked.and_then(|(exchange, asked)| {
-            Ok((exchange.end(link.expect(0), &self.settings)?, asked))
-        });
+        let answered =
+            asked.and_then(|(exchange, asked)| Ok((self.end(exchange, link.expect(0))?, asked)));
         if let Err(error) = &answered
             && let Some(how) = Loss::of(error)
         {

@@ -127,11 +127,11 @@ pub enum Error {
         /// What was asked for.
         what: &'static str,
     },
-    /// Not as many tags as boxes.
-    #[error("{tags} tags for {n} boxes: give one for each, or none")]
-    Tags {
-        /// Tags of the filters.
-        tags: usize,
+    /// Not as much filter data as boxes.
+    #[error("filter data of {filter_data} boxes for {n} boxes: give it for each box, or for none")]
+    FilterData {
+        /// Filter data of the filters.
+        filter_data: usize,
         /// Boxes of the frame.
         n: u32,
     },
@@ -186,7 +186,7 @@ pub enum Error {
     /// lease begins lower.
     #[error(transparent)]
     NotLeased(#[from] NotLeased),
-    /// All places for frames are held. With [`Backend::Auto`](super::Backend::Auto) frames are answered in process
+    /// All slots for frames are held. With [`Backend::Auto`](super::Backend::Auto) frames are answered in process
     /// then, and this is the error of edits and queries of scenes that the daemon has.
     #[error("three frames are being filled, under way or held as masks: drop one before the next")]
     TooManyFrames,
@@ -215,15 +215,15 @@ pub enum Error {
         /// How long this call waited.
         waited: Duration,
     },
-    /// The pairs of the frame were taken before.
-    #[error("the pairs of this frame were taken already")]
-    Taken,
+    /// The answer was received before.
+    #[error("the answer was received already")]
+    AlreadyReceived,
     /// The daemon died.
     #[error("the daemon died before it answered: ask again, or start it with `pairmaskd serve`")]
     DaemonDied,
     /// The daemon has no file left to connect to a new client.
     #[error(
-        "the daemon can open no more files and takes no new clients: raise its limit (RLIMIT_NOFILE, `ulimit -n`), or wait until others have gone"
+        "the daemon can open no more files and takes no new clients: raise its limit (RLIMIT_NOFILE, `ulimit -n`), or wait until others have disconnected"
     )]
     DaemonFull,
     /// The daemon answered with an error, or with a response that is malformed.
@@ -235,7 +235,7 @@ pub enum Error {
     /// The in-process engine failed.
     #[error(transparent)]
     Cull(#[from] CullError),
-    /// The scene has the edit, which was not sent: for want of a daemon, for one. The next edit sends both.
+    /// The scene has the edit, which was not sent: for lack of a daemon, for one. The next edit sends both.
     #[error("the edit is applied and was not sent: {0}")]
     Unanswered(#[source] Box<Self>),
     /// As a later version of the engines says.
@@ -250,7 +250,7 @@ impl Error {
         matches!(
             self,
             Self::Timeout { .. }
-                | Self::Taken
+                | Self::AlreadyReceived
                 | Self::DaemonDied
                 | Self::DaemonFull
                 | Self::Reply(_)

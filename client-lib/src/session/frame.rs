@@ -5,11 +5,11 @@ use std::sync::Arc;
 use pairmask_core::aabb::Aabb;
 use pairmask_core::filters::Rules;
 use pairmask_core::objects::{ObjectForm, Objects};
-use pairmask_core::precision::{BoxForm, Encoder, Precision};
+use pairmask_core::precision::{Encoder, Precision};
 use pairmask_core::sphere::Sphere;
 use pairmask_core::units::BoxCount;
 use pairmask_core::write::{BoxSource, par_write_boxes};
-use pairmask_wire::{bytes_in_mut, items_in, items_in_mut};
+use pairmask_wire::{bytes_in_mut, entries_in, entries_in_mut};
 
 use super::core::Core;
 use super::error::Error;
@@ -121,7 +121,7 @@ impl<O: FrameObject<Stored = O> + Stored> Frame<O> {
     fn objects(&self) -> &[O] {
         match &self.memory {
             Some(FrameMemory::Shared(shared)) => {
-                items_in(shared.loan.pages(), self.n).unwrap_or_default()
+                entries_in(shared.loan.pages(), self.n).unwrap_or_default()
             }
             Some(FrameMemory::Own(objects)) => objects,
             None => &[],
@@ -131,7 +131,7 @@ impl<O: FrameObject<Stored = O> + Stored> Frame<O> {
     fn objects_mut(&mut self) -> &mut [O] {
         match &mut self.memory {
             Some(FrameMemory::Shared(shared)) => {
-                items_in_mut(shared.loan.pages_mut(), self.n).unwrap_or_default()
+                entries_in_mut(shared.loan.pages_mut(), self.n).unwrap_or_default()
             }
             Some(FrameMemory::Own(objects)) => objects,
             None => &mut [],
@@ -165,31 +165,9 @@ impl<O: FrameObject> Drop for Frame<O> {
     }
 }
 
-impl Frame {
-    pub(super) fn of_boxes(core: &Arc<Core>, n: usize) -> Result<Self, Error> {
-        Self::new(core, n, Written::by(&Precision::Exact), ())
-    }
-}
-
-impl Frame<Quantized> {
-    pub(super) fn of_quantized(
-        core: &Arc<Core>,
-        n: usize,
-        asked: Precision,
-    ) -> Result<Self, Error> {
-        Self::new(core, n, Written::by(&asked), (asked, Encoder::new(&asked)))
-    }
-}
-
-impl Frame<Sphere> {
-    pub(super) fn of_spheres(core: &Arc<Core>, n: usize) -> Result<Self, Error> {
-        Self::new(core, n, Written::SPHERES, ())
-    }
-}
-
 impl<O: FrameObject> Frame<O> {
     /// A frame of `n` objects, in shared memory or this process's own, as the backend asks.
-    fn new(
+    pub(super) fn new(
         core: &Arc<Core>,
         n: usize,
         written: Written,
@@ -240,7 +218,7 @@ impl<O: FrameObject> Frame<O> {
     /// Asks for the pairs. In process they are found before this returns.
     ///
     /// # Errors
-    /// [`Error`]; the frame's memory is gone then.
+    /// [`Error`]; the frame's memory is released then.
     pub fn submit(self) -> Result<Pending<PairMask>, Error> {
         self.submit_by(None)
     }
@@ -259,14 +237,14 @@ impl<O: FrameObject> Frame<O> {
     /// ```
     /// use std::sync::Arc;
     ///
-    /// use pairmask::filters::{Filter, FilterId, FilterTable, Rules, Tag};
+    /// use pairmask::filters::{Filter, FilterId, FilterTable, Rules, FilterData};
     /// use pairmask::{Aabb, Backend, FrameOptions, Session};
     ///
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
     /// let mut rules = Rules::default();
     /// rules.table = FilterTable::new(&[Filter::new(1, 2), Filter::new(2, 3)])?;
-    /// rules.tags = [0, 0, 1].map(|id| Tag::default().with_filter(FilterId(id))).to_vec();
+    /// rules.filter_data = [0, 0, 1].map(|id| FilterData::default().with_filter(FilterId(id))).to_vec();
     /// let filtered = FrameOptions { filters: Some(Arc::new(rules)), ..Default::default() };
     /// let two_sets = FrameOptions { split_at: Some(1), ..Default::default() };
     ///
@@ -281,7 +259,7 @@ impl<O: FrameObject> Frame<O> {
     /// ```
     ///
     /// # Errors
-    /// As [`submit`](Self::submit); [`Error::FirstSet`] where there are fewer boxes, [`Error::Tags`] and
+    /// As [`submit`](Self::submit); [`Error::FirstSet`] where there are fewer boxes, [`Error::FilterData`] and
     /// [`Error::Listed`] where filters are not those of so many boxes, [`Error::Unsupported`] for
     /// spheres, and for filters and sets at once. With [`Backend::Daemon`](super::Backend::Daemon),
     /// [`Error::TooManyListedPairs`].
@@ -294,9 +272,9 @@ impl<O: FrameObject> Frame<O> {
             return Err(Error::Unsupported { what: "two sets with filters" });
         }
         if let Some(filters) = filters {
-            let (tags, n) = (filters.tags.len(), self.n.get());
-            if tags != 0 && tags != self.n.len() {
-                return Err(Error::Tags { tags, n });
+            let (filter_data, n) = (filters.filter_data.len(), self.n.get());
+            if filter_data != 0 && filter_data != self.n.len() {
+                return Err(Error::FilterData { filter_data, n });
             }
             if let Some(index) = filters.lists.beyond(n) {
                 return Err(Error::Listed { index, n });
@@ -313,7 +291,7 @@ impl<O: FrameObject> Frame<O> {
     fn submit_by(mut self, filters: Option<&Arc<Rules>>) -> Result<Pending<PairMask>, Error> {
         match self.memory.take() {
             Some(FrameMemory::Shared(shared)) => {
-                let kept = shared.slot.link().kept_rules();
+                let kept = shared.slot.link().cached_rules();
                 // Filters that let all boxes meet are none. Those that the daemon keeps were looked at.
                 let matter = |filters: &&Arc<Rules>| {
                     kept.are_known(filters, self.n) || !filters.let_all_meet(self.n.len())
@@ -383,11 +361,6 @@ impl Frame {
     pub fn boxes(&self) -> &[Aabb] {
         self.objects()
     }
-
-    /// The boxes as six floats each: `min.x min.y min.z max.x max.y max.z`.
-    pub fn raw_mut(&mut self) -> &mut [[f32; 6]] {
-        bytemuck::cast_slice_mut(self.boxes_mut())
-    }
 }
 
 impl Frame<Sphere> {
@@ -400,11 +373,6 @@ impl Frame<Sphere> {
     pub fn spheres(&self) -> &[Sphere] {
         self.objects()
     }
-
-    /// The spheres as four floats each: `x y z radius`.
-    pub fn raw_mut(&mut self) -> &mut [[f32; 4]] {
-        bytemuck::cast_slice_mut(self.spheres_mut())
-    }
 }
 
 impl Frame<Quantized> {
@@ -413,18 +381,13 @@ impl Frame<Quantized> {
         &self.encoding.0
     }
 
-    /// The form of the boxes.
-    pub const fn form(&self) -> BoxForm {
-        self.encoding.0.form()
-    }
-
     /// Writes box `index`. All boxes together are written faster by [`write`](Self::write).
     ///
     /// # Panics
     /// When there is no box of that index.
     #[inline]
     pub fn set(&mut self, index: usize, b: &Aabb) {
-        let box_bytes = self.form().box_bytes();
+        let box_bytes = self.precision().form().box_bytes();
         let (encoder, n) = (&self.encoding.1, self.n);
         match &mut self.memory {
             Some(FrameMemory::Shared(shared)) => {

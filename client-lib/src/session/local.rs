@@ -11,7 +11,7 @@ use pairmask_core::objects::Objects;
 use pairmask_core::plan::Calibration;
 use pairmask_core::precision::{ExpandScratch, Precision};
 use pairmask_core::repeat::{Repeats, Seen};
-use pairmask_core::scene::{QueryError, QueryMask, QueryTags, Scene, cull_between};
+use pairmask_core::scene::{QueryError, QueryFilterData, QueryMask, Scene, cull_between};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::Reply;
 
@@ -26,7 +26,7 @@ const MOST_REPLY_BYTES: u64 = 1 << 30;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Asked<'a> {
     pub boxes: &'a [Aabb],
-    pub tags: QueryTags<'a>,
+    pub filter_data: QueryFilterData<'a>,
     pub encoding: Encoding,
     pub mask: QueryMask,
 }
@@ -117,7 +117,7 @@ impl Local {
             engine: settings.engine,
             encoding: settings.encoding,
             threads: settings.threads,
-            visit_threads: settings.visit_threads,
+            iterate_threads: settings.iterate_threads,
             last_pairs: *lock(&self.last_pairs),
             ..CullOptions::default()
         };
@@ -172,7 +172,7 @@ impl Local {
         asked: &Asked<'_>,
     ) -> Result<PairMask, QueryError> {
         let threads = scene.threads();
-        self.found(asked, threads, |found| scene.query(asked.boxes, asked.tags, found))
+        self.found(asked, threads, |found| scene.query(asked.boxes, asked.filter_data, found))
     }
 
     /// The mask of pairs [query, index] that are known, by query and then by index.

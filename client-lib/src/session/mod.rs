@@ -3,11 +3,7 @@
 mod builder;
 mod core;
 mod error;
-#[cfg_attr(not(feature = "daemon"), allow(dead_code))]
-mod exchange;
 mod frame;
-#[cfg_attr(not(feature = "daemon"), allow(dead_code))]
-mod kept_rules;
 #[cfg_attr(not(feature = "daemon"), path = "absent.rs")]
 pub(crate) mod link;
 mod local;
@@ -32,9 +28,11 @@ pub use settings::Backend;
 use std::sync::Arc;
 use std::time::Duration;
 
-use pairmask_core::precision::Precision;
+use pairmask_core::precision::{Encoder, Precision};
 use pairmask_core::sphere::Sphere;
 use pairmask_wire::StatusBody;
+
+use self::written::Written;
 
 /// A client's connection to a daemon or to the engines of this process.
 ///
@@ -68,10 +66,10 @@ impl Session {
     /// [`Error::TooManyFrames`].
     ///
     /// # Errors
-    /// [`Error`]. With [`Backend::Auto`] a daemon that is gone or full is no error: the frame
+    /// [`Error`]. With [`Backend::Auto`] a daemon that has exited or full is no error: the frame
     /// is then answered in process.
     pub fn frame(&mut self, n: usize) -> Result<Frame, Error> {
-        Frame::of_boxes(&self.core, n)
+        Frame::new(&self.core, n, Written::by(&Precision::Exact), ())
     }
 
     /// As [`frame`](Self::frame), for boxes that are written with less precision and fewer bytes.
@@ -100,7 +98,8 @@ impl Session {
         n: usize,
         precision: Precision,
     ) -> Result<Frame<Quantized>, Error> {
-        Frame::of_quantized(&self.core, n, precision)
+        let encoding = (precision, Encoder::new(&precision));
+        Frame::new(&self.core, n, Written::by(&precision), encoding)
     }
 
     /// As [`frame`](Self::frame), for bounding spheres, 16 bytes each, in place of boxes. The mask is
@@ -129,10 +128,10 @@ impl Session {
     /// # Errors
     /// As [`frame`](Self::frame).
     pub fn sphere_frame(&mut self, n: usize) -> Result<Frame<Sphere>, Error> {
-        Frame::of_spheres(&self.core, n)
+        Frame::new(&self.core, n, Written::SPHERES, ())
     }
 
-    /// A scene that persists: boxes stay from answer to answer, edits go in, changes of pairs come out.
+    /// A persistent scene: boxes stay from answer to answer, edits go in, changes of pairs come out.
     /// A session may have any number of them.
     ///
     /// A daemon keeps the scene where the session has one; else the engines of this process do. Sessions
@@ -188,7 +187,7 @@ impl Session {
     /// committed is answered. A writer that was late keeps its last boxes, and is
     /// [named](SceneAnswer::late). A member without leases only listens: its commits are empty, and nobody
     /// waits for it. Answers do not depend on who committed first. The writer with the lowest lease may give the table
-    /// of filters; tags, and lists of pairs of own boxes, every writer.
+    /// of filters; filter data, and lists of pairs of own boxes, every writer.
     ///
     /// The changes are a [resync](SceneAnswer::is_resync) at first, after the member has leased indices, after a long
     /// time without a commit, and where the daemon was restarted.

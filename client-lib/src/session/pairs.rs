@@ -11,7 +11,7 @@ use pairmask_core::precision::Widening;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{Reply, words_in};
 
-use super::exchange::AnswerMemory;
+use super::link::AnswerMemory;
 use super::spares::Spares;
 use super::written::Written;
 

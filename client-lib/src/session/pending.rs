@@ -10,7 +10,7 @@ use super::settings::LONGEST_WAIT;
 /// [`SceneAnswer`](super::SceneAnswer). In process it is answered already.
 ///
 /// Dropped, the answer is discarded. An edit is applied all the same, and the next answer reports what this one would
-/// have reported. It holds one of the session's three places for frames, and leaves that to whatever wants one next, which
+/// have reported. It holds one of the session's three slots for frames, and leaves that to the request that needs one next, which
 /// waits for the daemon's answer first where no other is free.
 #[derive(Debug)]
 #[must_use = "a request is answered when it is waited for"]
@@ -54,15 +54,15 @@ impl<A: Answered> Pending<A> {
         let deadline = self.request.as_ref().map_or(Duration::ZERO, Request::deadline);
         match self.take_within(deadline)? {
             Some(answer) => Ok(answer),
-            None => self.request.take().ok_or(Error::Taken)?.answer_here(),
+            None => self.request.take().ok_or(Error::AlreadyReceived)?.answer_here(),
         }
     }
 
     /// The answer if it has come.
     ///
     /// # Errors
-    /// [`Error`], [`Error::Taken`] where it was taken before.
-    pub fn try_take(&mut self) -> Result<Option<A>, Error> {
+    /// [`Error`], [`Error::AlreadyReceived`] where it was taken before.
+    pub fn try_receive(&mut self) -> Result<Option<A>, Error> {
         self.take_within(Duration::ZERO)
     }
 
@@ -77,7 +77,7 @@ impl<A: Answered> Pending<A> {
 
     fn take_within(&mut self, timeout: Duration) -> Result<Option<A>, Error> {
         let until = Instant::now() + timeout;
-        let mut request = self.request.take().ok_or(Error::Taken)?;
+        let mut request = self.request.take().ok_or(Error::AlreadyReceived)?;
         while request.has_come(until) {
             match request.take()? {
                 Ok(answer) => return Ok(Some(answer)),

@@ -15,7 +15,7 @@ use crate::transport::RuntimeDir;
 /// Where the pairs are found. The results are identical.
 ///
 /// A build without the feature `daemon` answers in process: there `Auto` is `InProcess`, and a
-/// session that insists on `Daemon` gets [`ConnectError::NotBuiltIn`](super::ConnectError::NotBuiltIn).
+/// session that forces `Daemon` gets [`ConnectError::NotBuiltIn`](super::ConnectError::NotBuiltIn).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Backend {
     /// The daemon where one answers, else in process. The session returns to the daemon by itself.
@@ -64,7 +64,7 @@ pub(super) struct Settings {
     pub engine: EngineChoice,
     pub encoding: EncodingChoice,
     pub threads: Option<usize>,
-    pub visit_threads: Option<usize>,
+    pub iterate_threads: Option<usize>,
     pub answer_repeats: bool,
     pub isa: AvailableIsa,
     pub spin: Duration,

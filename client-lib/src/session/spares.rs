@@ -45,10 +45,10 @@ impl<T: Default> Shelf<T> {
     }
 
     /// Keeps a buffer, unless [`KEPT_BUFFERS`] are kept.
-    pub(super) fn give(&self, item: T) {
+    pub(super) fn give(&self, entry: T) {
         let mut kept = lock(&self.0);
         if kept.len() < KEPT_BUFFERS {
-            kept.push(item);
+            kept.push(entry);
         }
     }
 }
@@ -56,17 +56,17 @@ impl<T: Default> Shelf<T> {
 impl<T: Clone + Default> Shelf<Vec<T>> {
     /// Memory for `n` items, contents unspecified; `None` where the system has none.
     pub(super) fn take_sized(&self, n: BoxCount) -> Option<Vec<T>> {
-        let mut things = self.take();
+        let mut entries = self.take();
         // A system that lends more than it has kills the process that touches it. An engine needs as much again.
         let bytes = size_of::<T>() as u64 * u64::from(n.get());
         let is_too_much = |usable| 2 * bytes > usable;
-        let is_new = n.len() > things.capacity();
+        let is_new = n.len() > entries.capacity();
         if is_new && bytes > LARGE_BYTES && usable_memory::bytes().is_some_and(is_too_much) {
             return None;
         }
-        things.try_reserve_exact(n.len().saturating_sub(things.len())).ok()?;
-        things.resize(n.len(), T::default());
-        Some(things)
+        entries.try_reserve_exact(n.len().saturating_sub(entries.len())).ok()?;
+        entries.resize(n.len(), T::default());
+        Some(entries)
     }
 }
 

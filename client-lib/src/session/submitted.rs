@@ -7,22 +7,19 @@ use pairmask_core::engine::CullError;
 use pairmask_core::filters::Rules;
 use pairmask_core::mask::MaskView;
 use pairmask_core::objects::Objects;
-use pairmask_core::rhythm::Answered as AnsweredFrame;
+use pairmask_core::pacing::Answered as AnsweredFrame;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
     CullRequest, Page, Reply, ReplyError, ReplyFields, RequestHeader, ResponseHeader, RulesLayout,
-    RulesPlace, RulesReader, StatusCode, page_count, words_in, world_ranges_in,
+    RulesNumber, RulesReader, RulesSections, StatusCode, page_count, words_in, world_ranges_in,
 };
 
 use super::core::Core;
 use super::error::{Error, Loss};
-use super::exchange::Exchange;
-use super::kept_rules::RulesNumber;
-use super::link::SharedFrame;
+use super::link::{CheckedResponse, Exchange, SharedFrame, loss_of};
 use super::pairs::{PairMask, ServedBy, Storage};
 use super::pending::{Answered, Request};
 use super::written::Written;
-use crate::transport::CheckedResponse;
 
 impl Answered for PairMask {
     type Request = Submitted;
@@ -61,7 +58,7 @@ enum SentRules {
     /// It has none.
     None,
     /// They lie behind its objects, with the number under which they are kept.
-    Written(RulesPlace, u64),
+    Written(RulesSections, u64),
     /// The daemon keeps them under a number.
     Kept(Arc<Rules>, u64),
 }
@@ -79,7 +76,7 @@ fn with_rules(
     core: &Core,
 ) -> Result<(SharedFrame, SentRules), Ungrown> {
     let link = Arc::clone(shared.slot.link());
-    let number = match link.kept_rules().number_of(given, n) {
+    let number = match link.cached_rules().number_of(given, n) {
         RulesNumber::Known(number) => {
             return Ok((shared, SentRules::Kept(Arc::clone(given), number)));
         }
@@ -88,9 +85,9 @@ fn with_rules(
     let written = write_rules(shared, n, written, given, core);
     if written.is_err() {
         // The daemon gets none of that number.
-        link.kept_rules().forget();
+        link.cached_rules().discard();
     }
-    written.map(|(shared, place)| (shared, SentRules::Written(place, number)))
+    written.map(|(shared, position)| (shared, SentRules::Written(position, number)))
 }
 
 /// Writes rules behind the objects of a frame.
@@ -101,16 +98,18 @@ fn write_rules(
     written: Written,
     rules: &Rules,
     core: &Core,
-) -> Result<(SharedFrame, RulesPlace), Ungrown> {
+) -> Result<(SharedFrame, RulesSections), Ungrown> {
     let used = written.scene(n).payload_bytes();
     let layout = match RulesLayout::of(rules, n, used) {
         Ok(layout) => layout,
         Err(error) => return Err((error.into(), Some(shared))),
     };
     core.note_rules(&layout);
-    let mut shared = shared.grown(layout.payload_bytes(), used)?;
+    let mut shared = shared
+        .enlarged(layout.payload_bytes(), used)
+        .map_err(|(error, frame)| (error.into(), frame))?;
     if layout.write(rules, shared.loan.pages_mut()) {
-        Ok((shared, layout.place()))
+        Ok((shared, layout.sections()))
     } else {
         Err((Error::NoMemory { n: n.get() }, Some(shared)))
     }
@@ -142,9 +141,9 @@ impl Submitted {
         };
         let asked =
             ReplyFields { client_token: link.token(), frame: core.next_frame(), box_count: n };
-        let (place, rules_number) = match &sent_rules {
+        let (position, rules_number) = match &sent_rules {
             SentRules::None => (None, 0),
-            SentRules::Written(place, number) => (Some(*place), *number),
+            SentRules::Written(position, number) => (Some(*position), *number),
             SentRules::Kept(_, number) => (None, *number),
         };
         let settings = core.settings();
@@ -152,9 +151,9 @@ impl Submitted {
             engine: settings.engine,
             encoding: settings.encoding,
             threads: settings.threads,
-            visit_threads: settings.visit_threads,
+            iterate_threads: settings.iterate_threads,
             may_repeat: settings.answer_repeats,
-            rules: place,
+            rules: position,
             rules_number,
             first_set: written.first_set,
             ..CullRequest::of(written.scene(n))
@@ -167,7 +166,7 @@ impl Submitted {
             }
             Err(unsent) => unsent,
         };
-        let lost = core.lose(&link, unsent.loss());
+        let lost = core.lose(&link, loss_of(&unsent));
         let Some(pages) = unsent.pages() else {
             // The failed call dropped the memory: an error even for `Backend::Auto`.
             return Err(unsent.into());
@@ -214,11 +213,11 @@ impl Request<PairMask> for Submitted {
 impl Sent {
     /// The pairs, by the answer that has come; the frame where it was sent again.
     fn take(mut self) -> Result<Result<PairMask, Submitted>, Error> {
-        match self.exchange.take() {
+        match self.exchange.take().map_err(Error::from) {
             Ok((header, response, round_trip)) => self.accept(&header, response, round_trip),
             Err(Error::Reply(refused)) => self.answer_refused(refused).map(Ok),
             Err(error) => {
-                // The daemon is gone, or stands still.
+                // The daemon has exited, or stands still.
                 let how = Loss::of(&error).unwrap_or(Loss::Died);
                 let _ = self.core.lose(self.exchange.link(), how);
                 if self.core.may_cull_here() { self.cull_here().map(Ok) } else { Err(error) }
@@ -273,14 +272,15 @@ impl Sent {
     fn send_again(self, error: Error) -> Result<Submitted, Error> {
         let Self { exchange, asked, written, rules, core } = self;
         let SentRules::Kept(kept, _) = &rules else { return Err(error) };
-        exchange.link().kept_rules().forget();
+        exchange.link().cached_rules().discard();
         let n = asked.box_count;
         let bytes = written.scene(n).payload_bytes();
         let pages = page_count(bytes) as usize;
         // The request ends here: beside it the transport has no room for another one where the session has all of its
         // places.
         let boxes = exchange.pages().get(..pages).unwrap_or_default().to_vec();
-        let again = SharedFrame::lend(exchange.into_slot(), bytes).and_then(|mut shared| {
+        let again = SharedFrame::lend(exchange.into_slot(), bytes);
+        let again = again.map_err(Error::from).and_then(|mut shared| {
             if let Some(to) = shared.loan.pages_mut().get_mut(..boxes.len()) {
                 to.copy_from_slice(&boxes);
             }
@@ -300,7 +300,7 @@ impl Sent {
         if !self.core.may_cull_here() {
             return Err(refused.into());
         }
-        self.exchange.link().say_refused(&refused);
+        self.core.say_refused(self.exchange.link(), &refused);
         match self.cull_here() {
             // Only the daemon has the engine: its own error is the cause to report.
             Err(Error::Cull(CullError::Unavailable { .. })) => Err(refused.into()),
@@ -315,8 +315,8 @@ impl Sent {
             SentRules::None => None,
             SentRules::Kept(rules, _) => Some(&**rules),
             // This process wrote them: only another one can have made them wrong.
-            SentRules::Written(place, _) => {
-                Some(reader.read(place, n, pages).map_err(|_| changed_rules())?.rules())
+            SentRules::Written(position, _) => {
+                Some(reader.read(position, n, pages).map_err(|_| changed_rules())?.rules())
             }
         };
         Ok(cull_shared(&self.core, pages, n, self.written, rules)?)

@@ -1,21 +1,20 @@
 //! Edits and ends of scenes that the daemon works on, and those of them whose answers nobody waits for.
 //!
 //! Each holds one of the session's places until its answer is received. The answer to an edit that was
-//! dropped is received when its scene is edited again, or before, when something else of the session wants
+//! dropped is received when its scene is edited again, or before, when something else of the session needs
 //! a place and none is free. An edit is never dropped before that: the daemon passes over requests that are
 //! dropped.
 
 use std::sync::{Arc, Mutex, MutexGuard, TryLockError, Weak};
 use std::time::{Duration, Instant};
 
-use pairmask_core::rhythm::Expected;
+use pairmask_core::pacing::Expected;
 use pairmask_core::scene::Report;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{ReplyFields, RequestHeader, SceneReply};
 
 use super::error::{Error, Loss};
-use super::exchange::{Answer, Exchange};
-use super::link::{Link, SharedFrame};
+use super::link::{Answer, Exchange, Link, SharedFrame};
 use super::settings::Settings;
 use super::spares::lock;
 
@@ -85,8 +84,8 @@ pub(super) type Outcome = Result<SceneReply, Error>;
 
 /// The last edit of a scene, where nobody waits for its answer.
 ///
-/// The lock is held while a thread receives that answer, as long as the deadline allows: whoever wants the
-/// lock then wants the answer, or its place.
+/// The lock is held while a thread receives that answer, as long as the deadline allows: a thread that needs the
+/// lock then needs the answer, or its place.
 #[derive(Default)]
 pub(super) struct Unread(Mutex<State>);
 
@@ -132,7 +131,7 @@ impl Unread {
     }
 
     /// Whether it holds a place of this connection, as far as one knows who does not wait.
-    fn may_hold_place(&self, link: &Arc<Link>) -> bool {
+    fn may_hold_slot(&self, link: &Arc<Link>) -> bool {
         let Some(state) = self.try_lock() else { return true };
         matches!(&*state, State::Sent(sent) if sent.is_on(link))
     }
@@ -220,31 +219,31 @@ impl UnreadEdits {
         unread
     }
 
-    /// Keeps what a scene leaves behind that has ended: the daemon is told when there is a place for that.
+    /// Keeps what a scene leaves behind that has ended: the daemon is informed when there is a place for that.
     pub fn end(&self, ending: Ending, last_edit: &Arc<Unread>) {
         let mut ended = lock(&self.ended);
         ended.unreported.push(ending);
         ended.sent.push(Arc::clone(last_edit));
     }
 
-    /// Tells the daemon of ended scenes, in places that `place` gives, and waits for no answer.
+    /// Informs the daemon of ended scenes, in places that `slot` gives, and waits for no answer.
     ///
     /// # Errors
-    /// Why there is no place. What is left to tell is told by the next call.
+    /// Why there is no place. What is left to report is reported by the next call.
     pub fn report_ended<E>(
         &self,
         link: &Arc<Link>,
-        mut place: impl FnMut() -> Result<SharedFrame, E>,
+        mut slot: impl FnMut() -> Result<SharedFrame, E>,
     ) -> Result<(), E> {
         while let Some(ending) = self.next_unreported(link) {
-            let shared = match place() {
+            let shared = match slot() {
                 Ok(shared) => shared,
                 Err(error) => {
                     lock(&self.ended).unreported.push(ending);
                     return Err(error);
                 }
             };
-            // An end that is not sent needs none: the daemon is gone, or forgets a session that it lost.
+            // An end that is not sent needs none: the daemon has exited, or drops a session that it lost.
             if let Ok(exchange) = Exchange::begin(shared, &ending.header) {
                 let Ending { header, .. } = ending;
                 let asked = ReplyFields {
@@ -268,13 +267,13 @@ impl UnreadEdits {
         }
     }
 
-    /// An ended scene that the daemon has yet to be told of. Gives up what is answered, and what belongs to
+    /// An ended scene that the daemon has yet to be informed of. Gives up what is answered, and what belongs to
     /// another connection: a scene ends with it.
     fn next_unreported(&self, link: &Arc<Link>) -> Option<Ending> {
         let mut ended = lock(&self.ended);
         ended
             .sent
-            .retain(|sent| !sent.receive_until(link, Instant::now()) && sent.may_hold_place(link));
+            .retain(|sent| !sent.receive_until(link, Instant::now()) && sent.may_hold_slot(link));
         ended.unreported.retain(|ending| ending.is_on(link));
         ended.unreported.pop()
     }

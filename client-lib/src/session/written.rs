@@ -3,7 +3,7 @@
 use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::{Precision, Widening};
 use pairmask_core::units::BoxCount;
-use pairmask_wire::ScenePlace;
+use pairmask_wire::SceneSections;
 
 /// The form in which the objects of a frame are written, and the extra pairs that it may add.
 #[derive(Clone, Copy, Debug)]
@@ -26,7 +26,7 @@ impl Written {
     }
 
     /// Where all of it lies in the memory of a frame of `n` objects.
-    pub(super) fn scene(self, n: BoxCount) -> ScenePlace {
-        ScenePlace::first(self.form, n)
+    pub(super) fn scene(self, n: BoxCount) -> SceneSections {
+        SceneSections::first(self.form, n)
     }
 }

@@ -20,7 +20,7 @@ fn read(path: &Path) -> String {
 /// The pages by name, without the summary.
 fn pages() -> Vec<(String, String)> {
     let mut pages = Vec::new();
-    visit_files(&pages_folder(), ".md", &mut |path, page| {
+    walk_files(&pages_folder(), ".md", &mut |path, page| {
         let name = path.file_name().expect("a file has a name").to_string_lossy().into_owned();
         pages.push((name, page.to_owned()));
     });
@@ -80,14 +80,14 @@ fn anchors(page: &str) -> BTreeSet<String> {
 
 /// What is wrong with a link of a page in `folder`, if anything is.
 fn fault_of_link(folder: &Path, page: &str, link: &str) -> Option<String> {
-    let (file, wanted) = link.split_once('#').map_or((link, None), |(file, a)| (file, Some(a)));
+    let (file, requested) = link.split_once('#').map_or((link, None), |(file, a)| (file, Some(a)));
     let target = folder.join(file);
     if !file.is_empty() && !target.exists() {
         return Some(format!("{link}: no such file"));
     }
-    let wanted = wanted?;
+    let requested = requested?;
     let there = if file.is_empty() { anchors(page) } else { anchors(&read(&target)) };
-    (!there.contains(wanted)).then(|| format!("{link}: no such heading, there are {there:?}"))
+    (!there.contains(requested)).then(|| format!("{link}: no such heading, there are {there:?}"))
 }
 
 /// Rust's string literal that `text` begins with, with `…` in place of what is filled in.
@@ -127,15 +127,15 @@ fn texts_of(source: &str) -> impl Iterator<Item = String> {
     errors.chain(lines)
 }
 
-/// Visits the files below a folder that end so, without those of builds and of hidden folders.
-fn visit_files(folder: &Path, ending: &str, visit: &mut impl FnMut(&Path, &str)) {
+/// Iterates over the files below a folder that end so, without those of builds and of hidden folders.
+fn walk_files(folder: &Path, ending: &str, iterate: &mut impl FnMut(&Path, &str)) {
     for entry in fs::read_dir(folder).expect("a folder") {
         let path = entry.expect("an entry").path();
         let name = path.file_name().expect("an entry has a name").to_string_lossy();
         if path.is_dir() && name != "target" && !name.starts_with('.') {
-            visit_files(&path, ending, visit);
+            walk_files(&path, ending, iterate);
         } else if name.ends_with(ending) {
-            visit(&path, &read(&path));
+            iterate(&path, &read(&path));
         }
     }
 }
@@ -145,7 +145,7 @@ fn source_texts() -> BTreeSet<String> {
     let mut texts = BTreeSet::new();
     for folder in ["src", "core/src", "wire/src", "transport/src", "../daemon/src"] {
         let folder = crate_root().join(folder);
-        visit_files(&folder, ".rs", &mut |_, source| {
+        walk_files(&folder, ".rs", &mut |_, source| {
             texts.extend(texts_of(source));
             // Errors of the command line are texts where they are made: any literal may be one.
             texts.extend(source.match_indices('"').filter_map(|(at, _)| literal(&source[at..])));
@@ -177,7 +177,7 @@ fn the_summary_lists_every_page_once() {
 fn links_lead_to_files_and_headings() {
     let mut count = 0;
     let mut faults = Vec::new();
-    visit_files(&crate_root().join(".."), ".md", &mut |path, page| {
+    walk_files(&crate_root().join(".."), ".md", &mut |path, page| {
         for link in links(page) {
             count += 1;
             let fault = fault_of_link(path.parent().expect("a folder"), page, &link);

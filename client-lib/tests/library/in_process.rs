@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use pairmask::filters::{Owner, Rules, Tag, World};
+use pairmask::filters::{FilterData, Owner, Rules, World};
 use pairmask::{
     Aabb, Backend, Bounds, ConnectError, Error, FrameOptions, Precision, ServedBy, Session,
     SessionBuilder, Sphere,
@@ -16,7 +16,7 @@ use pairmask_core::precision::BoxForm;
 /// Boxes a scene, on both sides of the sizes at which engines change.
 const SIZES: [usize; 4] = [0, 3, 345, 1234];
 
-/// A row of boxes of which each overlaps a few of the next ones; every tenth is switched off.
+/// A row of boxes of which each overlaps a few of the next ones; every tenth is disabled.
 fn scene(n: usize) -> Vec<Aabb> {
     let at = |i: usize| [0.3 * i as f32, (i % 7) as f32 * 0.1, (i % 3) as f32 * 0.2];
     (0..n)
@@ -53,7 +53,7 @@ fn frames_have_the_pairs_of_the_oracle() {
 }
 
 #[test]
-fn whoever_waits_without_end_gets_the_pairs() {
+fn a_wait_without_end_gets_the_pairs() {
     let mut session = in_process().deadline(Duration::MAX).spin(Duration::MAX).connect().unwrap();
     let boxes = scene(345);
     let expected = oracle::truth(&boxes).pairs;
@@ -84,20 +84,26 @@ fn narrow_frames_lack_no_pair_and_are_those_of_their_form() {
 #[test]
 fn filters_of_another_number_of_boxes_are_refused() {
     let mut session = in_process().connect().unwrap();
-    let mut refused = |tags: usize, pair: [u32; 2]| {
+    let mut refused = |filter_data: usize, pair: [u32; 2]| {
         let mut rules = Rules::default();
-        rules.tags = vec![Tag::default(); tags];
+        rules.filter_data = vec![FilterData::default(); filter_data];
         rules.lists.exclude(pair, true);
         let filters = Some(Arc::new(rules));
         let frame = session.frame(4).unwrap();
         frame.submit_with(&FrameOptions { filters, ..Default::default() }).err()
     };
-    for tags in [1, 3, 5] {
-        assert!(matches!(refused(tags, [0, 1]), Some(Error::Tags { n: 4, .. })), "{tags}");
+    for filter_data in [1, 3, 5] {
+        assert!(
+            matches!(refused(filter_data, [0, 1]), Some(Error::FilterData { n: 4, .. })),
+            "{filter_data}"
+        );
     }
-    for tags in [0, 4] {
-        assert!(refused(tags, [3, 0]).is_none(), "{tags}");
-        assert!(matches!(refused(tags, [9, 0]), Some(Error::Listed { index: 9, n: 4 })), "{tags}");
+    for filter_data in [0, 4] {
+        assert!(refused(filter_data, [3, 0]).is_none(), "{filter_data}");
+        assert!(
+            matches!(refused(filter_data, [9, 0]), Some(Error::Listed { index: 9, n: 4 })),
+            "{filter_data}"
+        );
     }
 }
 
@@ -169,9 +175,9 @@ fn frames_with_rules_have_the_pairs_that_these_let_meet() {
     for n in SIZES {
         let boxes = scene(n);
         let mut rules = Rules::default();
-        rules.tags = (0..n as u32)
-            .map(|at| Tag::default().with_world(World([4, 2, -1, 2][at as usize % 4])))
-            .map(|tag| tag.with_owner(Owner(tag.world.0 as u32 % 3)))
+        rules.filter_data = (0..n as u32)
+            .map(|at| FilterData::default().with_world(World([4, 2, -1, 2][at as usize % 4])))
+            .map(|filter_data| filter_data.with_owner(Owner(filter_data.world.0 as u32 % 3)))
             .collect();
         let mut expected = oracle::truth(&boxes).pairs;
         expected.retain(|[a, b]| rules.meet(*a, *b));
@@ -187,7 +193,8 @@ fn frames_with_rules_have_the_pairs_that_these_let_meet() {
                 let of_world = |world: i32| mask.pairs_of_world(World(world)).unwrap();
                 let lens = [-1, 2, 4].map(|world| of_world(world).len());
                 assert_eq!(lens.iter().sum::<usize>(), expected.len());
-                let is_of_2 = |i: &u32| [World(2), World::ALL].contains(&rules.tag(*i).world);
+                let is_of_2 =
+                    |i: &u32| [World(2), World::ALL].contains(&rules.filter_data(*i).world);
                 assert!(of_world(2).iter().flatten().all(is_of_2));
                 assert_eq!(mask.pairs_of_world(World(3)), None);
             }
@@ -201,7 +208,7 @@ fn frames_with_rules_have_the_pairs_that_these_let_meet() {
 #[test]
 #[cfg(target_os = "linux")]
 fn a_frame_beyond_memory_is_an_error_and_the_session_goes_on() {
-    // 96 GiB. Linux refuses what exceeds memory and swap together, unless it was told not to.
+    // 96 GiB. Linux refuses what exceeds memory and swap together, unless it is set not to.
     let n = u32::MAX as usize;
     let memory = std::fs::read_to_string("/proc/meminfo").expect("the size of memory");
     let kib: u64 = memory

@@ -50,17 +50,17 @@ fn every_step_is_applied() {
     let reported = edit.commit(Report::Changes).expect("an answer");
     assert_eq!(reported.begun(), [[0, 1], [1, 2], [2, 3]]);
 
-    let edit = scene.edit().switch(0, false).make_all_static(&[1, 2], true).remove(3);
+    let edit = scene.edit().set_enabled(0, false).make_all_static(&[1, 2], true).remove(3);
     let reported = edit.commit(Report::Changes).expect("an answer");
     let ended: Vec<_> = reported.ended().map(|ended| (ended.pair, ended.reason)).collect();
     let filtered = EndReason::Filtered;
     assert_eq!(ended, [([0, 1], filtered), ([1, 2], filtered), ([2, 3], EndReason::Removed)]);
 
-    let edit = scene.edit().switch_all(0..1, true).make_static(2, false).remove_all(&[1]);
+    let edit = scene.edit().set_all_enabled(0..1, true).make_static(2, false).remove_all(&[1]);
     let reported = edit.set(1, at(0.6)).commit(Report::Moved).expect("an answer");
     assert_eq!(reported.pairs(), [[0, 1], [1, 2]]);
     let reported = scene.edit().commit(Report::Changes).expect("an answer");
-    assert_eq!(reported.begun(), [[0, 1], [1, 2]], "moved pairs are not told: the changes are");
+    assert_eq!(reported.begun(), [[0, 1], [1, 2]], "moved pairs are not reported: the changes are");
 
     scene.resync();
     let reported = scene.edit().commit(Report::Changes).expect("an answer");

@@ -27,7 +27,7 @@ pub fn sleep_until(listener: &WakeDaemon, until: Instant) -> Result<(), Transpor
     // used for the last time. It is neither closed nor kept.
     let socket = unsafe { BorrowedFd::borrow_raw(listener.file_descriptor().native_handle()) };
     match poll(&mut [PollFd::new(&socket, PollFlags::IN)], Some(&timeout)) {
-        // A signal ends the sleep: the caller looks what it wants.
+        // A signal ends the sleep: the caller looks what it asks for.
         Ok(_) | Err(Errno::INTR) => {}
         Err(error) => return Err(TransportError::new("waiting to be woken", &error)),
     }

@@ -44,7 +44,7 @@ impl std::fmt::Debug for FreeChunks {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ChunkLook {
     /// It is to be taken.
-    Wanted,
+    Requested,
     /// It was used, and is not to be taken.
     Other,
     /// It was never used, and so were none of those below it.
@@ -98,7 +98,7 @@ impl FreeChunks {
         Ok(Self { request, _sent: sent, _port: port, chunk_bytes })
     }
 
-    /// Takes a free chunk that is wanted, if there is one. For a moment all chunks above it are taken: to be called
+    /// Takes a free chunk that is needed, if there is one. For a moment all chunks above it are taken: to be called
     /// in a turn at the port.
     pub fn take(&self, look: impl Fn(usize) -> ChunkLook) -> Option<FreeChunk> {
         // The transport writes to the first page of the chunk that it lends, and the last one may be new.
@@ -106,11 +106,11 @@ impl FreeChunks {
             return None;
         }
         let mut others = Vec::new();
-        let mut wanted = None;
+        let mut requested = None;
         while let Some(chunk) = self.lend() {
             match look(chunk.address()) {
-                ChunkLook::Wanted => {
-                    wanted = Some(chunk);
+                ChunkLook::Requested => {
+                    requested = Some(chunk);
                     break;
                 }
                 ChunkLook::Other => others.push(chunk),
@@ -121,7 +121,7 @@ impl FreeChunks {
             }
         }
         put_back(others);
-        wanted
+        requested
     }
 
     /// Gives a chunk back, below those that were used: steady clients go on with theirs. As [`Self::take`], to be

@@ -131,7 +131,7 @@ impl RuntimeDir {
         self.path.join(format!("{name}{suffix}"))
     }
 
-    /// Directory for the transport's own files of this instance. It lies in /tmp whatever the
+    /// Directory for the transport's own files of this instance. It lies in /tmp regardless of the
     /// runtime directory is: it holds sockets, whose paths have 107 bytes at most.
     pub fn transport_root(&self, name: &InstanceName) -> PathBuf {
         format!("/tmp/pairmask-{:012x}", self.hash(name)).into()

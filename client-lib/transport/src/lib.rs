@@ -5,9 +5,11 @@
 
 mod alarm;
 mod cleanup;
+mod exchange;
 mod foreign;
 mod free_chunks;
 mod instance;
+mod link;
 mod liveness;
 mod loans;
 mod memory;
@@ -26,9 +28,11 @@ mod vigil;
 
 pub use alarm::sleep_until;
 pub use cleanup::{clean_if_abandoned, remove_hollow_files, segment_file};
+pub use exchange::{Answer, AnswerMemory, Exchange};
 pub use foreign::foreign_owner;
 pub use free_chunks::{ChunkLook, FreeChunk, FreeChunks};
 pub use instance::{DaemonRecord, InstanceLock, RuntimeDir};
+pub use link::{ConnectFailure, Link, LinkError, LinkOptions, SharedFrame, Slot, Unsent};
 pub use liveness::{
     BEAT_INTERVAL, DaemonWatch, Heartbeat, ProcessWatch, SILENT_AFTER, Stillness, process_name,
 };

@@ -115,7 +115,7 @@ impl DaemonWatch {
     pub fn is_alive(&self) -> bool {
         match &self.0 {
             Watched::Heartbeat(file) => {
-                // A shared lock, which other readers may hold too, is to be had where the worker's is gone.
+                // A shared lock, which other readers may hold too, is available where the worker's has been released.
                 // Where the system refuses for another reason, the daemon is asked, and its silence noticed.
                 let is_free = flock(file, FlockOperation::NonBlockingLockShared).is_ok();
                 if is_free {
@@ -199,7 +199,7 @@ impl ProcessWatch {
     }
 }
 
-/// The name of a process, for messages; `?` where it is gone.
+/// The name of a process, for messages; `?` where it no longer exists.
 pub fn process_name(pid: u32) -> String {
     // A process chooses its name freely, up to 16 bytes: only printable ones are shown.
     let name = std::fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();

@@ -35,7 +35,7 @@ pub fn populate<T>(memory: &mut [T]) -> Result<(), PopulateError> {
 
 /// How much of each chunk is populated, so that steady frames skip the call.
 ///
-/// Chunks are told apart by their addresses: a port reuses few of them.
+/// Chunks are distinguished by their addresses: a port reuses few of them.
 #[derive(Debug, Default)]
 pub struct Populated {
     bytes_at: HashMap<usize, usize>,
@@ -72,7 +72,7 @@ pub fn populate_beyond<T>(chunk: &mut [T], known_bytes: usize) -> Result<(), Pop
 }
 
 /// Gives the pages of the first `bytes` bytes of a loan's payload back to the system. A loan is one of a whole chunk, and
-/// `bytes` is at most the payload of a chunk, whatever the length that was asked for. Whether the system did.
+/// `bytes` is at most the payload of a chunk, regardless of the length that was asked for. Whether the system did.
 pub(super) fn remove_pages(loan: &mut ResponseLoan, bytes: usize) -> bool {
     let first = loan.payload_mut().as_mut_ptr();
     debug_assert!(bytes.is_multiple_of(PAGE_BYTES));

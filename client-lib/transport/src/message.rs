@@ -65,7 +65,7 @@ fn copied<T: PayloadHeader + Copy, H: Copy>(
     Some((sent, header, payload))
 }
 
-/// A request that was checked. Its header is a copy and its length is fixed, whatever its sender
+/// A request that was checked. Its header is a copy and its length is fixed, regardless of its sender
 /// writes later.
 #[derive(Debug)]
 pub struct CheckedRequest {

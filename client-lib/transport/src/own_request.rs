@@ -56,7 +56,7 @@ impl OwnRequest {
     /// [no room](SentRequest::is_delivered).
     ///
     /// # Errors
-    /// [`TransportError`]; the memory is gone then.
+    /// [`TransportError`]; the memory is released then.
     pub fn send(mut self, header: &RequestHeader) -> Result<SentRequest, TransportError> {
         *self.loan.user_header_mut() = *header;
         let first = self.first_page();
@@ -180,13 +180,13 @@ mod tests {
 
     /// A client whose port gets the place of another's, of which the daemon holds a request with the same count.
     #[test]
-    fn what_belongs_to_the_last_owner_of_a_place_leaves_the_next_one_alone() {
+    fn what_belongs_to_the_last_owner_of_an_address_leaves_the_next_one_alone() {
         with_services("places", |server, client_side| {
             for is_answered in [false, true] {
-                let gone = client_side.client_port(2).expect("a port");
-                let unread = send(&gone);
+                let ended = client_side.client_port(2).expect("a port");
+                let unread = send(&ended);
                 let left = taken(server);
-                drop((unread, gone));
+                drop((unread, ended));
                 let next = client_side.client_port(2).expect("a port");
                 assert!(server.receive().expect("a server that works").is_none());
                 let mut read = send(&next);

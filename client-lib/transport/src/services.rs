@@ -152,9 +152,9 @@ pub enum OpenError {
     /// No shared memory.
     #[error("no shared memory for a segment: free space in /dev/shm or make it larger")]
     OutOfMemory,
-    /// Files of the services are gone, or are not finished.
-    #[error("the daemon's files in /dev/shm are gone")]
-    Gone,
+    /// Files of the services no longer exist, or are not finished.
+    #[error("the daemon's files in /dev/shm were removed")]
+    FilesRemoved,
     /// A limit of this process.
     #[error(transparent)]
     Limit(#[from] LimitError),
@@ -246,7 +246,7 @@ fn service_name(name: &str) -> Result<ServiceName, TransportError> {
     ServiceName::new(name).map_err(|e| TransportError::new("naming a service", &e))
 }
 
-/// The request service, as both sides want it.
+/// The request service, as both sides need it.
 fn requests_of(
     node: &Node<Ipc>,
 ) -> Result<requests::Builder<Pages, RequestHeader, Pages, ResponseHeader, Ipc>, TransportError> {
@@ -324,13 +324,13 @@ const FIRST_NUMBERS: u64 = 1 << 14;
 
 /// Has a port number its requests from anywhere.
 ///
-/// The transport numbers the requests of each port from 0, and gives the place of a client that is gone to the next
-/// one. It tells an answer to the one from an answer to the other by the number alone: a client that takes the place of
+/// The transport numbers the requests of each port from 0, and gives the place of a disconnected client to the next
+/// one. It distinguishes an answer to the one from an answer to the other by the number alone: a client that takes the place of
 /// one that was killed would get what the daemon has yet to send to that one, and would have its own request dropped
 /// with that one's.
 fn skip_numbers(port: &ClientPort) {
     for _ in 0..RandomState::new().build_hasher().finish() % FIRST_NUMBERS {
-        // A loan takes a number, whether or not it is sent. Where there is no memory for it, the first frame will tell.
+        // A loan takes a number, whether or not it is sent. Where there is no memory for it, the first frame will show.
         drop(port.loan_slice_uninit(1));
     }
 }
@@ -472,7 +472,7 @@ impl Services {
         let node = node(dir, name).map_err(failed)?;
         let requests = requests_of(&node)?.open().map_err(|e| match e {
             E::DoesNotExist => OpenError::NotServed,
-            E::HangsInCreation => OpenError::of_step(0, OpenError::Gone),
+            E::HangsInCreation => OpenError::of_step(0, OpenError::FilesRemoved),
             E::ExceedsMaxNumberOfNodes => OpenError::TooManyClients,
             E::IncompatibleRequestOrResponseType
             | E::VersionMismatch
@@ -487,7 +487,7 @@ impl Services {
             let opened = node.service_builder(&service_name(service)?).event().open();
             opened.map_err(|e| match e {
                 EventOpenError::DoesNotExist => OpenError::NotServed,
-                EventOpenError::HangsInCreation => OpenError::of_step(0, OpenError::Gone),
+                EventOpenError::HangsInCreation => OpenError::of_step(0, OpenError::FilesRemoved),
                 EventOpenError::ExceedsMaxNumberOfNodes => OpenError::TooManyClients,
                 other => failed(TransportError::new("opening a wake-up service", &other)),
             })
@@ -533,13 +533,13 @@ impl Services {
                 }
             })?;
         if is_unmapped.load(Ordering::Relaxed) {
-            return Err(OpenError::of_step(self.answers_bytes(), OpenError::Gone));
+            return Err(OpenError::of_step(self.answers_bytes(), OpenError::FilesRemoved));
         }
         skip_numbers(&port);
         Ok(port)
     }
 
-    /// Bytes of the daemon's segment for answers, which a client maps as a whole; 0 where it is gone.
+    /// Bytes of the daemon's segment for answers, which a client maps as a whole; 0 where it no longer exists.
     fn answers_bytes(&self) -> u64 {
         let port = self.of_server(|server| Some(server.server_id.value()));
         let bytes =

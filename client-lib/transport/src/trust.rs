@@ -130,7 +130,7 @@ mod tests {
     use super::*;
 
     /// A directory of this test's own.
-    fn place(name: &str) -> PathBuf {
+    fn directory(name: &str) -> PathBuf {
         let path =
             std::env::temp_dir().join(format!("pairmask-trust-{}-{name}", std::process::id()));
         fs::create_dir_all(&path).unwrap();
@@ -140,7 +140,7 @@ mod tests {
 
     #[test]
     fn directories_that_others_may_write_to_and_links_are_refused() {
-        let dir = place("directories");
+        let dir = directory("directories");
         check_directory(&dir, Others::MayRead).unwrap();
         assert!(matches!(
             check_directory(&dir, Others::MayNothing),
@@ -165,7 +165,7 @@ mod tests {
 
     #[test]
     fn files_that_others_may_write_to_and_links_are_refused() {
-        let dir = place("files");
+        let dir = directory("files");
         let (file, link, second) = (dir.join("file"), dir.join("link"), dir.join("second"));
         assert_eq!(read_own(&file, 9).unwrap(), None);
         replace_own(&dir.join("new"), &file, b"hello").unwrap();
@@ -191,8 +191,8 @@ mod tests {
 
     /// A reader that opened a pipe without a writer would wait for one without end.
     #[test]
-    fn a_pipe_in_the_place_of_a_file_is_refused_at_once() {
-        let dir = place("pipe");
+    fn a_pipe_instead_of_a_file_is_refused_at_once() {
+        let dir = directory("pipe");
         let pipe = dir.join("pipe");
         let made = std::process::Command::new("mkfifo").arg(&pipe).status().unwrap();
         assert!(made.success());

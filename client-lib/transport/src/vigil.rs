@@ -93,7 +93,7 @@ impl LeftDaemon {
     }
 
     /// Whether its worker has died: another one may serve.
-    pub fn is_gone(&self) -> bool {
+    pub fn has_ended(&self) -> bool {
         !self.daemon.is_alive()
     }
 

@@ -35,15 +35,15 @@ pub struct RequestHeader {
     pub box_count: u32,
     /// An [`EngineName`](pairmask_core::engine::EngineName), or 0 for the plan's choice.
     pub engine: u32,
-    /// An [`Encoding`](pairmask_core::mask::Encoding), or 0 for the plan's choice. In an edit: what it wants.
+    /// An [`Encoding`](pairmask_core::mask::Encoding), or 0 for the plan's choice. In an edit: what it asks for.
     pub encoding: u32,
     /// Threads that the engine may use, or 0 for the plan's choice.
     pub threads: u32,
     /// What lies where in the payload.
     pub sections: [Section; SECTION_COUNT],
-    /// Threads with which the client visits the pairs, or 0 for one (since 1.3; a hint, which older
+    /// Threads with which the client iterates over the pairs, or 0 for one (since 1.3; a hint, which older
     /// readers ignore).
-    pub visit_threads: u32,
+    pub iterate_threads: u32,
     /// The client's number of a scene; zero in a cull (since 1.4).
     pub scene: u32,
     /// The revision of the scene that an edit is for, 0 to begin it; zero in a cull (since 1.4).
@@ -75,9 +75,9 @@ pub enum Operation {
     Cull = 1,
     /// Report the daemon's status.
     Status = 2,
-    /// Change a scene that the daemon keeps, and tell what follows.
+    /// Change a scene that the daemon keeps, and report what follows.
     EditScene = 3,
-    /// Forget a scene.
+    /// End a scene.
     EndScene = 4,
     /// Find the boxes of a scene that other boxes overlap.
     QueryScene = 5,
@@ -87,7 +87,7 @@ pub enum Operation {
     JoinShared = 7,
     /// Lease indices of such a scene, or give them back.
     LeaseShared = 8,
-    /// Change one's boxes of such a scene, and tell what follows when the tick ends.
+    /// Change one's boxes of such a scene, and report what follows when the tick ends.
     CommitShared = 9,
     /// Leave such a scene.
     LeaveShared = 10,

@@ -23,13 +23,13 @@ mod status_code;
 pub use header::{Operation, RequestHeader};
 pub use name::{InstanceError, InstanceName};
 pub use page::{PAGE_BYTES, Page, page_count};
-pub use pages::{bytes_in_mut, items_in, items_in_mut, words_in, words_in_mut};
+pub use pages::{bytes_in_mut, entries_in, entries_in_mut, words_in, words_in_mut};
 pub use reject::Reject;
 pub use reply::{Reply, ReplyError, ReplyFields, ResponseHeader, response_error, response_ok};
-pub use request::{CullRequest, Request, ScenePlace};
+pub use request::{CullRequest, Request, SceneSections};
 pub use rules::{
-    RulesLayout, RulesPlace, RulesReader, SentRules, TooManyPairs, WORLD_RANGE_WORDS,
-    world_ranges_in, write_world_ranges,
+    CachedRules, RulesLayout, RulesNumber, RulesReader, RulesSections, SentRules, TooManyPairs,
+    WORLD_RANGE_WORDS, world_ranges_in, write_world_ranges,
 };
 pub use scene::{
     AgreedTerms, EditLayout, EditScratch, EndedPairs, JoinRequest, LONGEST_TICK, LeaseAction,

@@ -6,13 +6,13 @@ use pairmask_core::units::BoxCount;
 use crate::Page;
 
 /// The boxes or spheres at the start of a payload, or `None` where they are not all within it.
-pub fn items_in<T: AnyBitPattern>(pages: &[Page], n: BoxCount) -> Option<&[T]> {
+pub fn entries_in<T: AnyBitPattern>(pages: &[Page], n: BoxCount) -> Option<&[T]> {
     let bytes: &[u8] = bytemuck::cast_slice(pages);
     bytemuck::try_cast_slice(bytes.get(..n.len().checked_mul(size_of::<T>())?)?).ok()
 }
 
-/// As [`items_in`], to be written.
-pub fn items_in_mut<T: Pod>(pages: &mut [Page], n: BoxCount) -> Option<&mut [T]> {
+/// As [`entries_in`], to be written.
+pub fn entries_in_mut<T: Pod>(pages: &mut [Page], n: BoxCount) -> Option<&mut [T]> {
     let bytes: &mut [u8] = bytemuck::cast_slice_mut(pages);
     bytemuck::try_cast_slice_mut(bytes.get_mut(..n.len().checked_mul(size_of::<T>())?)?).ok()
 }

@@ -70,7 +70,7 @@ impl Default for ResponseHeader {
     }
 }
 
-/// Fields of the request that every response echoes, whatever its status.
+/// Fields of the request that every response echoes, regardless of its status.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReplyFields {
     /// Client named in the request.
@@ -217,7 +217,7 @@ impl Reply {
     /// Checks a copied header against the request's fields and the payload's length.
     ///
     /// # Errors
-    /// [`ReplyError`] with the first thing that is wrong.
+    /// [`ReplyError`] with the first field that is wrong.
     pub fn parse(
         header: &ResponseHeader,
         asked: &ReplyFields,
@@ -256,7 +256,7 @@ impl Reply {
     /// Checks magic, version and echoed fields of a response, and that its status is ok.
     ///
     /// # Errors
-    /// [`ReplyError`] with the first thing that is wrong.
+    /// [`ReplyError`] with the first field that is wrong.
     pub fn check_envelope(header: &ResponseHeader, asked: &ReplyFields) -> Result<(), ReplyError> {
         if header.magic != RESPONSE_MAGIC || header.version_major != VERSION_MAJOR {
             return Err(ReplyError::Envelope);

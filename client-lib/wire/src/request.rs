@@ -9,16 +9,16 @@ use pairmask_core::units::BoxCount;
 use crate::header::{Operation, RequestHeader, engine_number, thread_number, threads_of};
 use crate::page::Page;
 use crate::reject::Reject;
-use crate::rules::{PARTS, RulesPlace};
+use crate::rules::{PARTS, RulesSections};
 use crate::scene::{JoinRequest, LeaseRequest, QueryRequest, SceneId, SceneRequest};
 use crate::section::{SECTION_COUNT, Section, SectionKind, has, slots};
 use crate::{REQUEST_MAGIC, VERSION_MAJOR};
 
 /// Where the objects of a scene lie in a payload, and what they are. What else each object has for all
-/// engines to honour belongs here: its place, its section, and what [`ScenePlace::objects_in`] makes of
+/// engines to honour belongs here: its place, its section, and what [`SceneSections::objects_in`] makes of
 /// it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ScenePlace {
+pub struct SceneSections {
     /// Boxes or spheres, and their form.
     pub form: ObjectForm,
     /// How many.
@@ -28,7 +28,7 @@ pub struct ScenePlace {
     pub offset: usize,
 }
 
-impl ScenePlace {
+impl SceneSections {
     /// No boxes.
     pub const EMPTY: Self =
         Self { form: ObjectForm::Boxes(BoxForm::F32), count: BoxCount::new(0), offset: 0 };
@@ -60,9 +60,9 @@ impl ScenePlace {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CullRequest {
     /// The scene.
-    pub scene: ScenePlace,
+    pub scene: SceneSections,
     /// The rules of which boxes may meet; `None` where all may, or where they are kept.
-    pub rules: Option<RulesPlace>,
+    pub rules: Option<RulesSections>,
     /// The number under which the daemon keeps the rules of the request, or without rules in the request
     /// the number of those that it keeps. 0 for rules that are not kept.
     pub rules_number: u64,
@@ -72,8 +72,8 @@ pub struct CullRequest {
     pub encoding: EncodingChoice,
     /// Threads that the engine may use; `None` leaves the number to the plan.
     pub threads: Option<usize>,
-    /// Threads with which the client visits the pairs, for the plan; `None` is one.
-    pub visit_threads: Option<usize>,
+    /// Threads with which the client iterates over the pairs, for the plan; `None` is one.
+    pub iterate_threads: Option<usize>,
     /// Whether a frame that is equal to the last one may get that one's answer, without an engine.
     pub may_repeat: bool,
     /// The first so many boxes are a set, the others another one, and only pairs of a box of each count;
@@ -83,7 +83,7 @@ pub struct CullRequest {
 
 impl CullRequest {
     /// A request of this build that leaves all choices to the plan.
-    pub const fn of(scene: ScenePlace) -> Self {
+    pub const fn of(scene: SceneSections) -> Self {
         Self {
             scene,
             rules: None,
@@ -91,7 +91,7 @@ impl CullRequest {
             engine: EngineChoice::Auto,
             encoding: EncodingChoice::Auto,
             threads: None,
-            visit_threads: None,
+            iterate_threads: None,
             may_repeat: true,
             first_set: None,
         }
@@ -107,7 +107,7 @@ pub enum Request {
     Status,
     /// Change a scene.
     EditScene(SceneRequest),
-    /// Forget a scene.
+    /// End a scene.
     EndScene(SceneId),
     /// Find the boxes of a scene that other boxes overlap.
     QueryScene(QueryRequest),
@@ -130,7 +130,7 @@ impl RequestHeader {
         let scene = request.scene;
         let rules = request.rules.unwrap_or_default();
         let are_kept = request.rules.is_none() && request.rules_number != 0;
-        let kept = are_kept.then(|| Section::required(SectionKind::KeptRules, 0, 0));
+        let kept = are_kept.then(|| Section::required(SectionKind::CachedRules, 0, 0));
         let sections = [scene.section()].into_iter().chain(rules.sections()).chain(kept);
         let operation =
             if request.first_set.is_some() { Operation::CullBetween } else { Operation::Cull };
@@ -143,7 +143,7 @@ impl RequestHeader {
                 EncodingChoice::Only(encoding) => encoding as u32,
             },
             threads: thread_number(request.threads),
-            visit_threads: thread_number(request.visit_threads),
+            iterate_threads: thread_number(request.iterate_threads),
             sections: slots(sections),
             revision: request.rules_number,
             most_boxes: request.first_set.map_or(0, BoxCount::get),
@@ -161,7 +161,7 @@ impl Request {
     /// Checks a copied header against the payload's length.
     ///
     /// # Errors
-    /// [`Reject`] with the first thing that is wrong.
+    /// [`Reject`] with the first field that is wrong.
     pub fn parse(header: &RequestHeader, payload_bytes: u64) -> Result<Self, Reject> {
         if header.magic != REQUEST_MAGIC {
             return Err(Reject::Magic(header.magic));
@@ -219,8 +219,8 @@ impl Request {
             return Err(wrong);
         }
         let offset = usize::try_from(section.offset).map_err(|_| wrong)?;
-        let rules = RulesPlace::find(&header.sections, box_count, payload_bytes)?;
-        let are_kept = has(&header.sections, SectionKind::KeptRules);
+        let rules = RulesSections::find(&header.sections, box_count, payload_bytes)?;
+        let are_kept = has(&header.sections, SectionKind::CachedRules);
         let has_rules = rules.is_some() || are_kept;
         let rules_number = if has_rules { header.revision } else { 0 };
         if are_kept && (rules.is_some() || rules_number == 0) {
@@ -238,13 +238,13 @@ impl Request {
             }
         }
         Ok(Self::Cull(CullRequest {
-            scene: ScenePlace { form, count: box_count, offset },
+            scene: SceneSections { form, count: box_count, offset },
             rules,
             rules_number,
             engine,
             encoding,
             threads: threads_of(header.threads),
-            visit_threads: threads_of(header.visit_threads),
+            iterate_threads: threads_of(header.iterate_threads),
             may_repeat: header.flags & CULL_ANEW == 0,
             first_set,
         }))
@@ -257,10 +257,10 @@ fn is_known(section: &Section, operation: u32) -> bool {
     let is_of = |kinds: &[SectionKind]| kinds.iter().any(|kind| *kind as u32 == section.kind);
     form_of(section).is_some()
         || is_one_of(&[Operation::Cull])
-            && (is_of(&PARTS.map(|(kind, ..)| kind)) || is_of(&[SectionKind::KeptRules]))
+            && (is_of(&PARTS.map(|(kind, ..)| kind)) || is_of(&[SectionKind::CachedRules]))
         || is_one_of(&[Operation::EditScene, Operation::CommitShared])
             && is_of(&[SectionKind::SceneSteps, SectionKind::SceneIndices])
-        || is_one_of(&[Operation::QueryScene]) && is_of(&[SectionKind::QueryTags])
+        || is_one_of(&[Operation::QueryScene]) && is_of(&[SectionKind::QueryFilterData])
         || is_one_of(&[Operation::JoinShared]) && is_of(&[SectionKind::SceneName])
 }
 

@@ -68,8 +68,8 @@ pub enum SectionKind {
     EndedPairs = 16,
     /// Why they ended, a byte each.
     EndReasons = 17,
-    /// Tags of boxes, 12 bytes each, in object order.
-    RuleTags = 18,
+    /// Filter data of boxes, 12 bytes each, in object order.
+    RuleFilterData = 18,
     /// The table of filters, 24 bytes each.
     RuleFilters = 19,
     /// Pairs of the include list.
@@ -78,14 +78,14 @@ pub enum SectionKind {
     ExcludedPairs = 21,
     /// How many pairs of a list each world has.
     WorldRanges = 22,
-    /// Tags of the queries of a scene, 12 bytes each: one for all, or one for each.
-    QueryTags = 23,
+    /// Filter data of the queries of a scene, 12 bytes each: one for all, or one for each.
+    QueryFilterData = 23,
     /// The name of a shared scene.
     SceneName = 24,
     /// Ranges of indices whose writers were late, two u32 each.
     LateRanges = 25,
     /// Nothing: the rules of a frame are those that the daemon keeps under the number in the header.
-    KeptRules = 26,
+    CachedRules = 26,
 }
 
 impl SectionKind {
@@ -108,7 +108,7 @@ impl SectionKind {
 
 impl Section {
     /// Flag: a reader that does not know the section's kind refuses the whole message. Without the
-    /// flag, such a reader ignores the section: that is how later minor versions add things.
+    /// flag, such a reader ignores the section: that is how later minor versions add sections.
     pub const REQUIRED: u32 = 1;
 
     /// A section that every reader must understand.
@@ -138,12 +138,12 @@ impl Section {
     }
 
     /// The items of the section; `None` where they are not whole, or not all in the payload.
-    pub(crate) fn items_in<'a, T: AnyBitPattern>(&self, pages: &'a [Page]) -> Option<&'a [T]> {
+    pub(crate) fn entries_in<'a, T: AnyBitPattern>(&self, pages: &'a [Page]) -> Option<&'a [T]> {
         bytemuck::try_cast_slice(self.bytes_in(pages)?).ok()
     }
 
-    /// As [`items_in`](Self::items_in), to be written.
-    pub(crate) fn items_in_mut<'a, T: Pod>(&self, pages: &'a mut [Page]) -> Option<&'a mut [T]> {
+    /// As [`entries_in`](Self::items_in), to be written.
+    pub(crate) fn entries_in_mut<'a, T: Pod>(&self, pages: &'a mut [Page]) -> Option<&'a mut [T]> {
         let all: &mut [u8] = bytemuck::cast_slice_mut(pages);
         let all = all.get_mut(usize::try_from(self.offset).ok()?..)?;
         bytemuck::try_cast_slice_mut(all.get_mut(..usize::try_from(self.bytes).ok()?)?).ok()
@@ -153,8 +153,8 @@ impl Section {
     /// where the pages are too few.
     pub(crate) fn put(&self, from: &[u8], pages: &mut [Page], are_many: bool) -> bool {
         let all: &mut [u8] = bytemuck::cast_slice_mut(pages);
-        let place = all.get_mut(self.offset as usize..).and_then(|to| to.get_mut(..from.len()));
-        place.map(|to| bytes::copy(from, to, are_many)).is_some()
+        let position = all.get_mut(self.offset as usize..).and_then(|to| to.get_mut(..from.len()));
+        position.map(|to| bytes::copy(from, to, are_many)).is_some()
     }
 
     /// Whether the range lies within a payload and is aligned for u32 words.
@@ -181,12 +181,12 @@ pub(crate) fn has(sections: &[Section; SECTION_COUNT], kind: SectionKind) -> boo
 pub(crate) fn find(
     sections: &[Section; SECTION_COUNT],
     kind: SectionKind,
-    item_bytes: u64,
+    entry_bytes: u64,
     payload_bytes: u64,
 ) -> Option<Section> {
     let mut found = sections.iter().filter(|section| section.kind == kind as u32);
     let only = found.next().filter(|_| found.next().is_none())?;
-    (only.fits(payload_bytes) && only.bytes.is_multiple_of(item_bytes)).then_some(*only)
+    (only.fits(payload_bytes) && only.bytes.is_multiple_of(entry_bytes)).then_some(*only)
 }
 
 /// The first required section of a kind that this build does not know.

@@ -72,11 +72,11 @@ mod tests {
     use bytemuck::Zeroable;
     use pairmask_core::dispatch::{CpuEngines, CullOptions, SphereEngines};
     use pairmask_core::engine::{CullReport, HeapReply};
-    use pairmask_core::filters::{Owner, Rules, Tag};
+    use pairmask_core::filters::{FilterData, Owner, Rules};
     use pairmask_core::objects::Objects;
     use pairmask_core::{BoxCount, BoxForm, Encoding, EncodingChoice, EngineChoice, EngineName};
     use pairmask_tests::{SphereCase, lose_a_pair, stress_scenes as scenes};
-    use pairmask_wire::{Page, RulesLayout, RulesReader, ScenePlace, SentRules, page_count};
+    use pairmask_wire::{Page, RulesLayout, RulesReader, SceneSections, SentRules, page_count};
 
     use super::*;
     use crate::audit::window::{Reach, Span2};
@@ -161,13 +161,14 @@ mod tests {
         let boxes = scenes::named("uniform").boxes(300, 3);
         let n = BoxCount::new(300);
         let mut rules = Rules::default();
-        rules.tags = (0..300).map(|at| Tag::default().with_owner(Owner(at % 3))).collect();
-        let scene = ScenePlace::first(BoxForm::F32, n);
+        rules.filter_data =
+            (0..300).map(|at| FilterData::default().with_owner(Owner(at % 3))).collect();
+        let scene = SceneSections::first(BoxForm::F32, n);
         let layout = RulesLayout::of(&rules, n, scene.payload_bytes()).expect("no lists");
         let mut pages = vec![Page::zeroed(); page_count(layout.payload_bytes()) as usize];
         assert!(layout.write(&rules, &mut pages));
         let mut reader = RulesReader::default();
-        let sent = reader.read(&layout.place(), n, &pages).expect("as it was written");
+        let sent = reader.read(&layout.sections(), n, &pages).expect("as it was written");
         let (mut engines, mut reply, mut random) =
             (CpuEngines::new(), HeapReply::new(), Random::new(2));
         let span = Span2 { rows: 0..300, columns: 0..300 };

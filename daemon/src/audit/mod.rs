@@ -12,7 +12,7 @@
 //! the window is the whole frame, and a larger frame's window has a 64th of the pairs that one of
 //! boxes has.
 //!
-//! Of scenes that persist, one in so many is followed from its beginning to its end: each of its edits and
+//! Of persistent scenes, one in so many is followed from its beginning to its end: each of its edits and
 //! answers is copied, and so is a window of the answer to each query. While the auditor is far behind, an
 //! edit counts as skipped, and its scene is followed no more. A scene that several sessions write is followed tick by
 //! tick: all edits of a tick, and all that they changed, copied while its members wait for their parts.
@@ -24,7 +24,7 @@
 //! window         which rows and columns, and their bits           (pure)
 //! check          bits against the oracle                          (pure)
 //! sphere_oracle  two spheres, in exact rational arithmetic        (pure)
-//! scene          what a scene told, added up, against the oracle  (pure)
+//! scene          what a scene reported, added up, against the oracle  (pure)
 //! thread         hands windows over and keeps the counts
 //! ```
 

@@ -1,4 +1,4 @@
-//! What a scene told, added up and compared with the oracle. Pure.
+//! What a scene reported, added up and compared with the oracle. Pure.
 //!
 //! One scene in so many is audited, from its beginning to its end: its edits and answers are copied, and
 //! followed in the background by a copy of its boxes and the pairs that its client knows from what it took.
@@ -100,14 +100,20 @@ impl SceneAudit {
         let first = window.fill_second_set(|index| self.box_at(index));
         let rules = self.copy.states().filters.rules();
         check(window, |index, object| {
-            let tag = window.tags.as_ref().and_then(|tags| tags.get(index as usize));
-            tag.is_none_or(|tag| rules.tags_meet(tag, &self.copy.states().tag(object - first)))
+            let filter_data =
+                window.filter_data.as_ref().and_then(|filter_data| filter_data.get(index as usize));
+            filter_data.is_none_or(|filter_data| {
+                rules.may_meet(filter_data, &self.copy.states().filter_data(object - first))
+            })
         })
     }
 
     /// A box that is on; else one that overlaps nothing.
     fn box_at(&self, index: u32) -> Aabb {
-        self.copy.kept(index).filter(|kept| kept.is_on).map_or(Aabb::EMPTY, |kept| kept.b)
+        self.copy
+            .snapshot(index)
+            .filter(|snapshot| snapshot.is_on)
+            .map_or(Aabb::EMPTY, |snapshot| snapshot.b)
     }
 
     fn take(&mut self, reported: &Reported) -> Outcome {

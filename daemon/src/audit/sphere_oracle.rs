@@ -9,8 +9,8 @@ use pairmask_core::Sphere;
 
 /// Whether two spheres share a point, by the rules of [`pairmask_core::sphere`].
 pub fn overlap(a: &Sphere, b: &Sphere) -> bool {
-    let solid = |s: &Sphere| s.center.iter().all(|x| x.is_finite()) && s.radius >= 0.0;
-    if !solid(a) || !solid(b) {
+    let valid = |s: &Sphere| s.center.iter().all(|x| x.is_finite()) && s.radius >= 0.0;
+    if !valid(a) || !valid(b) {
         return false;
     }
     if a.radius == f32::INFINITY || b.radius == f32::INFINITY {
@@ -32,7 +32,7 @@ fn parts(x: f32) -> (i64, u32) {
 /// signs and may be as large as a sum of two of them.
 type Digits = [i64; 9];
 
-/// Whether two solid, finite spheres share a point, whatever their magnitudes: whether (r₁ + r₂)² − d² is 0 or more.
+/// Whether two valid, finite spheres share a point, regardless of their magnitudes: whether (r₁ + r₂)² − d² is 0 or more.
 fn overlap_of_finite(a: &Sphere, b: &Sphere) -> bool {
     // A digit is a sum of at most 4 · 9 products below 2^68.
     let mut difference = [0i128; 18];

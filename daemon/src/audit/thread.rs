@@ -9,7 +9,7 @@ use std::thread::JoinHandle;
 
 use pairmask_core::mask::MaskShape;
 use pairmask_core::objects::Objects;
-use pairmask_core::scene::QueryTags;
+use pairmask_core::scene::QueryFilterData;
 use pairmask_core::{BoxCount, ObjectForm};
 use pairmask_wire::{AuditCounts, ReplyFields, SentRules};
 
@@ -26,7 +26,7 @@ const WINDOWS: usize = 2;
 /// Notes of scenes that wait: a scene that is edited faster than it is followed is given up.
 const NOTES: usize = 64;
 
-/// The lowest priority of the system: the auditor runs when no other thread wants the core.
+/// The lowest priority of the system: the auditor runs when no other thread needs the core.
 const NICE: i32 = 19;
 
 /// Draws frames, copies windows of them and has them checked. Without a rate it does nothing.
@@ -115,7 +115,7 @@ impl Auditor {
         let thread = std::thread::Builder::new()
             .name("auditor".into())
             .spawn(move || check_all(&to_check, &back, &reported))?;
-        // Each process has its own seed, and draws are random: frames in a rhythm are drawn evenly
+        // Each process has its own seed, and draws are random: frames in a pace are drawn evenly
         // too.
         let random = Random::new(u64::from(std::process::id()));
         Ok(Self {
@@ -157,18 +157,18 @@ impl Auditor {
         Some(window)
     }
 
-    /// Copies the objects of a frame, or the queries of a scene with their tags, and has the window checked.
+    /// Copies the objects of a frame, or the queries of a scene with their filter data, and has the window checked.
     pub fn submit(
         &self,
         mut window: Box<Window>,
         objects: Objects<'_>,
         rules: Option<Arc<SentRules>>,
-        tags: &QueryTags<'_>,
+        filter_data: &QueryFilterData<'_>,
     ) {
         let Some(running) = &self.running else { return };
         window.take_objects(objects);
         window.rules = rules;
-        window.tags = (0..objects.len() as u32).map(|query| tags.of(query)).collect();
+        window.filter_data = (0..objects.len() as u32).map(|query| filter_data.of(query)).collect();
         running.send(Work::Window(window));
     }
 

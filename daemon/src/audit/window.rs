@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use pairmask_core::filters::Tag;
+use pairmask_core::filters::FilterData;
 use pairmask_core::mask::{MaskShape, Span};
 use pairmask_core::objects::Objects;
 use pairmask_core::{Aabb, BoxCount, ObjectForm, Sphere, pair_index};
@@ -94,8 +94,8 @@ pub struct Window {
     pub(super) first_set: Option<BoxCount>,
     /// The scene that is asked, where the window is of the answer to a query.
     pub(super) scene: Option<AuditedScene>,
-    /// Of each query, where they have tags.
-    pub(super) tags: Option<Vec<Tag>>,
+    /// Of each query, where they have filter data.
+    pub(super) filter_data: Option<Vec<FilterData>>,
     pub(super) client_token: u64,
     pub(super) frame: u64,
 }

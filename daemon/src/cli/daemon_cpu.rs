@@ -30,7 +30,7 @@ impl DaemonCpu {
         self.processes[0]
     }
 
-    /// User and system time of both processes so far; a process that is gone counts nothing.
+    /// User and system time of both processes so far; a process that has exited counts nothing.
     pub fn used(&self) -> Duration {
         let of = |process: &u32| cpu_of_tasks(*process).or_else(|| cpu_of(*process));
         self.processes.iter().filter_map(of).sum()
@@ -44,7 +44,7 @@ pub struct Used {
 }
 
 impl Used {
-    /// Percent of a core: 100 is one core all the time. A hundredth is more than the kernel tells.
+    /// Percent of a core: 100 is one core all the time. A hundredth is more than the kernel resolves.
     pub fn percent(&self) -> f64 {
         let share = self.cpu.as_secs_f64() / self.time.as_secs_f64().max(f64::MIN_POSITIVE);
         (share * 1e4).round() / 1e2
@@ -71,7 +71,7 @@ fn cpu_of_tasks(process: u32) -> Option<Duration> {
     (ns > 0).then(|| Duration::from_nanos(ns))
 }
 
-/// CPU time of a process so far, to the tick of 10 ms; `None` for one that is gone or hidden.
+/// CPU time of a process so far, to the tick of 10 ms; `None` for one that no longer exists or hidden.
 pub fn cpu_of(process: u32) -> Option<Duration> {
     let ticks = ticks_in(&std::fs::read_to_string(format!("/proc/{process}/stat")).ok()?)?;
     let a_second = rustix::param::clock_ticks_per_second().max(1);
@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn a_busy_process_uses_a_core_and_one_that_is_gone_nothing() {
+    fn a_busy_process_uses_a_core_and_one_that_is_ended_nothing() {
         let own = DaemonCpu { processes: [std::process::id(), 0] };
         let used = own.watch();
         // However slow the machine: some work has to be counted at last, of this thread or of another test's.
@@ -112,8 +112,8 @@ mod tests {
             std::hint::spin_loop();
         }
         assert!(own_cpu() > before);
-        let gone = DaemonCpu { processes: [0, 0] };
-        assert!(gone.watch()().percent() <= 0.0);
+        let ended = DaemonCpu { processes: [0, 0] };
+        assert!(ended.watch()().percent() <= 0.0);
         let used = Used { cpu: Duration::from_millis(250), time: Duration::from_secs(1) };
         assert!((used.percent() - 25.0).abs() < 1e-9);
         let a_frame = [1_000, 0].map(|frames| nanoseconds_a(used.cpu, frames));

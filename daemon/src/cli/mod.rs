@@ -29,7 +29,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use self::options::Place;
+use self::options::CommonOptions;
 use self::program::Result;
 use crate::publish::AlterAnswer;
 
@@ -38,7 +38,7 @@ use crate::publish::AlterAnswer;
 #[command(name = "pairmaskd", version = machine::version(), after_help = EXAMPLES)]
 struct Cli {
     #[command(flatten)]
-    place: Place,
+    common: CommonOptions,
     #[command(subcommand)]
     command: Command,
 }
@@ -82,16 +82,16 @@ pub fn main_altering(alter: AlterAnswer) -> ExitCode {
 }
 
 fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result {
-    let Cli { place, command } = cli;
+    let Cli { common, command } = cli;
     output::start_log(command.log_level());
-    let place = &if command.reads_config() { place.with_config_file()? } else { place.clone() };
+    let common = &if command.reads_config() { common.with_config_file()? } else { common.clone() };
     match command {
-        Command::Serve(serve) => Ok(serve.run(place, alter_answers)?),
-        Command::Cull(cull) => cull.run(place),
-        Command::Demo(demo) => demo.run(place),
-        Command::Bench(bench::Bench::Latency(latency)) => latency.run(place),
+        Command::Serve(serve) => Ok(serve.run(common, alter_answers)?),
+        Command::Cull(cull) => cull.run(common),
+        Command::Demo(demo) => demo.run(common),
+        Command::Bench(bench::Bench::Latency(latency)) => latency.run(common),
         Command::Scene(scene) => scene.run(),
-        Command::Status(status) => status.run(place),
+        Command::Status(status) => status.run(common),
         Command::Explain(explain) => explain.run(),
     }
 }

@@ -19,7 +19,7 @@ use crate::serve::DaemonSettings;
 
 /// Instance, runtime directory, configuration file and instruction set.
 #[derive(Clone, Debug, Args)]
-pub struct Place {
+pub struct CommonOptions {
     /// Name of the instance [default: default]
     #[arg(long, global = true, env = "PAIRMASK_INSTANCE", value_name = "NAME")]
     instance: Option<InstanceName>,
@@ -36,7 +36,7 @@ pub struct Place {
     pub(super) file: Config,
 }
 
-impl Place {
+impl CommonOptions {
     pub fn named_instance(&self) -> Option<InstanceName> {
         self.instance.clone().or_else(|| self.file.instance.clone())
     }
@@ -72,16 +72,16 @@ pub struct DaemonOptions {
 }
 
 impl DaemonOptions {
-    pub fn gpus(&self, place: &Place) -> GpuChoices {
-        self.gpu.clone().or_else(|| place.file.gpu.clone()).unwrap_or_default()
+    pub fn gpus(&self, common: &CommonOptions) -> GpuChoices {
+        self.gpu.clone().or_else(|| common.file.gpu.clone()).unwrap_or_default()
     }
 
-    pub fn gpu(&self, place: &Place) -> GpuChoice {
-        self.gpus(place).first()
+    pub fn gpu(&self, common: &CommonOptions) -> GpuChoice {
+        self.gpus(common).first()
     }
 
-    pub fn private(&self, place: &Place) -> DaemonSettings {
-        DaemonSettings { gpu: self.gpus(place), isa: place.isa(), ..DaemonSettings::default() }
+    pub fn private(&self, common: &CommonOptions) -> DaemonSettings {
+        DaemonSettings { gpu: self.gpus(common), isa: common.isa(), ..DaemonSettings::default() }
     }
 }
 
@@ -107,29 +107,29 @@ pub struct CullFlags {
 }
 
 impl CullFlags {
-    pub fn backend(&self, place: &Place, default: Backend) -> Backend {
-        self.backend.or(place.file.backend).unwrap_or(default)
+    pub fn backend(&self, common: &CommonOptions, default: Backend) -> Backend {
+        self.backend.or(common.file.backend).unwrap_or(default)
     }
 
-    pub fn cull_options(&self, place: &Place) -> CullOptions {
+    pub fn cull_options(&self, common: &CommonOptions) -> CullOptions {
         CullOptions {
-            engine: self.engine(place),
-            encoding: self.encoding.or(place.file.encoding).unwrap_or_default(),
-            threads: self.threads.or(place.file.threads).map(NonZeroUsize::get),
+            engine: self.engine(common),
+            encoding: self.encoding.or(common.file.encoding).unwrap_or_default(),
+            threads: self.threads.or(common.file.threads).map(NonZeroUsize::get),
             ..CullOptions::default()
         }
     }
 
-    pub fn engine(&self, place: &Place) -> EngineChoice {
-        self.engine.or(place.file.engine).unwrap_or_default()
+    pub fn engine(&self, common: &CommonOptions) -> EngineChoice {
+        self.engine.or(common.file.engine).unwrap_or_default()
     }
 
     /// A session builder with all settings but the backend. Its frames are culled also where they are equal
     /// to the last one: the commands that use it measure engines.
-    pub fn session(&self, place: &Place) -> SessionBuilder {
-        let cull_options = self.cull_options(place);
+    pub fn session(&self, common: &CommonOptions) -> SessionBuilder {
+        let cull_options = self.cull_options(common);
         let builder = Session::builder()
-            .isa(place.isa())
+            .isa(common.isa())
             .engine(cull_options.engine)
             .encoding(cull_options.encoding)
             .answer_repeats(false);

@@ -17,7 +17,7 @@ pub const FAILED: u8 = 1;
 /// Exit status: the command line or the configuration is wrong; clap uses the same number.
 pub const USAGE: u8 = 2;
 
-/// Why a command failed, of whatever type: it is printed. The exit status depends on few types.
+/// Why a command failed, of any type: it is printed. The exit status depends on few types.
 pub type Fault = Box<dyn Error + Send + Sync>;
 
 pub type Result<T = (), E = Fault> = std::result::Result<T, E>;
@@ -75,7 +75,7 @@ fn on_one_line(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 
-/// Whether the reader of stdout has gone (`| head`), which is no failure of the command.
+/// Whether the reader of stdout has exited (`| head`), which is no failure of the command.
 fn is_closed_pipe(error: &(dyn Error + 'static)) -> bool {
     let mut cause = error.source();
     while let Some(error) = cause {
@@ -88,13 +88,13 @@ fn is_closed_pipe(error: &(dyn Error + 'static)) -> bool {
     false
 }
 
-/// Variable that switches off Mesa's layer that sorts adapters. The layer asks the display which
+/// Variable that disables Mesa's layer that sorts adapters. The layer asks the display which
 /// adapter it runs on, and warns on stderr where there is no display (`XDG_RUNTIME_DIR is invalid or
 /// not set`). Pairmask needs no sorting: users choose by `--gpu`. The daemon's worker inherits the
 /// variable, so that a number in `--gpu` means the same adapter in every command.
 const NO_SORTING_LAYER: &str = "NODEVICE_SELECT";
 
-/// Switches the layer off for this process and its children, unless the user has set the variable.
+/// Disables the layer for this process and its children, unless the user has set the variable.
 /// Call it first: it changes nothing in a process that has other threads.
 #[allow(unsafe_code)]
 pub fn silence() {

@@ -6,7 +6,7 @@ use std::time::Duration;
 use clap::Args;
 use pairmask_transport::Limits;
 
-use super::options::{DaemonOptions, Place};
+use super::options::{CommonOptions, DaemonOptions};
 use super::whole_number::whole_number;
 use crate::audit::AuditRate;
 use crate::publish::AlterAnswer;
@@ -68,9 +68,13 @@ impl Serve {
         self.worker.is_some()
     }
 
-    /// Serves until told to stop. `alter_answers` is for tests of the auditor.
-    pub fn run(&self, place: &Place, alter_answers: Option<AlterAnswer>) -> Result<(), ServeError> {
-        let settings = ServeSettings { alter_answers, ..self.settings(place) };
+    /// Serves until asked to stop. `alter_answers` is for tests of the auditor.
+    pub fn run(
+        &self,
+        common: &CommonOptions,
+        alter_answers: Option<AlterAnswer>,
+    ) -> Result<(), ServeError> {
+        let settings = ServeSettings { alter_answers, ..self.settings(common) };
         if let Some(supervisor) = self.worker {
             return work(&settings, supervisor);
         }
@@ -80,13 +84,13 @@ impl Serve {
         }
     }
 
-    fn settings(&self, place: &Place) -> ServeSettings {
+    fn settings(&self, common: &CommonOptions) -> ServeSettings {
         let default = DaemonSettings::default();
-        let spin_us = self.spin_us.or(place.file.spin_us);
-        let gpu_awake_ms = self.gpu_awake_ms.or(place.file.gpu_awake_ms);
-        let max_clients = self.max_clients.or(place.file.max_clients);
-        let max_reply_mib = self.max_reply_mib.or(place.file.max_reply_mib);
-        let max_scene_mib = self.max_scene_mib.or(place.file.max_scene_mib);
+        let spin_us = self.spin_us.or(common.file.spin_us);
+        let gpu_awake_ms = self.gpu_awake_ms.or(common.file.gpu_awake_ms);
+        let max_clients = self.max_clients.or(common.file.max_clients);
+        let max_reply_mib = self.max_reply_mib.or(common.file.max_reply_mib);
+        let max_scene_mib = self.max_scene_mib.or(common.file.max_scene_mib);
         let Limits { max_clients: clients, max_reply_bytes, max_scene_bytes } = default.limits;
         let limits = Limits {
             max_clients: max_clients.map_or(clients, |n| usize::from(n.get())),
@@ -94,16 +98,16 @@ impl Serve {
             max_scene_bytes: max_scene_mib.map_or(max_scene_bytes, |n| u64::from(n) << 20),
         };
         ServeSettings {
-            instance: place.instance(),
-            dir: place.runtime_dir(),
+            instance: common.instance(),
+            dir: common.runtime_dir(),
             daemon: DaemonSettings {
                 limits,
-                threads: self.threads.or(place.file.threads),
+                threads: self.threads.or(common.file.threads),
                 spin: spin_us.map_or(default.spin, Duration::from_micros),
-                gpu: self.options.gpus(place),
+                gpu: self.options.gpus(common),
                 gpu_awake: gpu_awake_ms.map(|ms| Duration::from_millis(ms.into())),
-                isa: place.isa(),
-                audit: self.audit.or(place.file.audit).unwrap_or_default(),
+                isa: common.isa(),
+                audit: self.audit.or(common.file.audit).unwrap_or_default(),
             },
             restarted: self.restarted,
             alter_answers: None,

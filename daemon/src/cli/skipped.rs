@@ -16,7 +16,7 @@ pub struct Skipped {
     /// empty one, cells that are too far apart, the order along an axis.
     #[serde(serialize_with = "as_map")]
     why: [(&'static str, u64); 5],
-    /// Words that were not written: zeros of masks; of scenes two for each pair that was told before.
+    /// Words that were not written: zeros of masks; of scenes two for each pair that was reported before.
     zero_words: u64,
 }
 

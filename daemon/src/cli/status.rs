@@ -14,7 +14,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::daemon_cpu::{cpu_of, nanoseconds_a};
-use super::options::Place;
+use super::options::CommonOptions;
 use super::output::{print_json, print_text, time_text};
 use super::program;
 use super::skipped::Skipped;
@@ -64,13 +64,13 @@ struct Counters {
 }
 
 impl Status {
-    pub fn run(&self, place: &Place) -> program::Result {
-        let dir = place.runtime_dir();
+    pub fn run(&self, common: &CommonOptions) -> program::Result {
+        let dir = common.runtime_dir();
         match dir.check() {
             Err(InstanceError::Io { source, .. }) if source.kind() == ErrorKind::NotFound => {}
             checked => checked?,
         }
-        let named = place.named_instance();
+        let named = common.named_instance();
         let instances = instances(&dir, named.as_ref());
         if self.json {
             let reports: Vec<Value> = instances.iter().map(Instance::json).collect();
@@ -102,9 +102,9 @@ fn instances(dir: &RuntimeDir, only: Option<&InstanceName>) -> Vec<Instance> {
     let mut found: Vec<(RuntimeDir, InstanceName, DaemonRecord)> = Vec::new();
     for dir in dir.all().filter(|dir| dir.check().is_ok()) {
         for (name, record) in dir.instances() {
-            let is_wanted = only.is_none_or(|only| *only == name);
+            let is_requested = only.is_none_or(|only| *only == name);
             match found.iter_mut().find(|(_, known, _)| *known == name) {
-                _ if !is_wanted => {}
+                _ if !is_requested => {}
                 None => found.push((dir.clone(), name, record)),
                 // Of two records of one name, the one that clients find.
                 Some(known) if !known.0.is_served(&name) && dir.is_served(&name) => {
@@ -123,7 +123,8 @@ impl Instance {
             Ok(Some(counters)) => (State::Alive, Some(counters), None),
             Err(silent) => (State::Silent, silent.0, Some(silent.1)),
             Ok(None) => {
-                let problem = format!("process {} of instance '{name}' is gone", record.worker_pid);
+                let problem =
+                    format!("process {} of instance '{name}' has exited", record.worker_pid);
                 (State::Dead, None, Some(problem))
             }
         };

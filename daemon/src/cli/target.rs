@@ -8,7 +8,7 @@ use pairmask_wire::InstanceName;
 
 use super::daemon_cpu::DaemonCpu;
 use super::machine::value;
-use super::options::{CullFlags, DaemonOptions, Place};
+use super::options::{CommonOptions, CullFlags, DaemonOptions};
 use crate::serve::DaemonSettings;
 use crate::spawn::{PrivateDaemon, SpawnError};
 
@@ -29,19 +29,19 @@ impl Target {
         daemon: &DaemonOptions,
         spin: Duration,
         clients: u32,
-        place: &Place,
+        common: &CommonOptions,
     ) -> Result<Self, SpawnError> {
-        let backend = options.backend(place, Backend::Daemon);
-        let named = place.named_instance();
+        let backend = options.backend(common, Backend::Daemon);
+        let named = common.named_instance();
         if backend == Backend::Daemon && named.is_none() {
-            let mut settings = DaemonSettings { spin, ..daemon.private(place) };
+            let mut settings = DaemonSettings { spin, ..daemon.private(common) };
             // One slot more: that of the session which found the daemon may not be free yet.
             settings.limits.max_clients = settings.limits.max_clients.max(clients as usize + 1);
             let daemon = PrivateDaemon::start_self(&settings)?;
             let (dir, instance) = (daemon.dir(), daemon.instance());
             return Ok(Self { dir, instance, backend, _daemon: Some(daemon) });
         }
-        let (dir, instance) = (place.runtime_dir(), named.unwrap_or_default());
+        let (dir, instance) = (common.runtime_dir(), named.unwrap_or_default());
         Ok(Self { dir, instance, backend, _daemon: None })
     }
 
@@ -67,7 +67,7 @@ impl Target {
     }
 }
 
-/// `VmRSS` of a process; 0 where it is gone.
+/// `VmRSS` of a process; 0 where it no longer exists.
 fn resident_bytes(process: &str) -> u64 {
     let kib = value(&format!("/proc/{process}/status"), "VmRSS", ':');
     let kib = kib.and_then(|text| text.strip_suffix(" kB")?.parse::<u64>().ok());

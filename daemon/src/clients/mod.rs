@@ -1,12 +1,12 @@
 //! What the daemon keeps of its clients, by session.
 //!
 //! A session is who the transport's registers say that a request comes from; its token is an echo.
-//! Nothing here is needed for a right answer: what was forgotten is found again, estimated, or sent again.
+//! Nothing here is needed for a right answer: what was dropped is found again, estimated, or sent again.
 
 mod scenes;
 mod work;
 
-pub(crate) use self::scenes::{KeptScene, NoRoom, PendingBoxes, SceneMemory, SceneRoom};
+pub(crate) use self::scenes::{NoRoom, PendingBoxes, SceneMemory, SceneRoom, SessionScene};
 pub use self::work::GpuNeed;
 pub(crate) use self::work::{FrameWork, RequestKind};
 
@@ -53,11 +53,11 @@ impl Clients {
     }
 
     /// Takes a session's scene, which no other thread has meanwhile. `None` where it has no such scene.
-    pub(crate) fn take_scene(&self, session: u128, id: SceneId) -> Option<KeptScene> {
+    pub(crate) fn take_scene(&self, session: u128, id: SceneId) -> Option<SessionScene> {
         let mut known = locked(&self.known);
         let scenes = &mut known.of(session).scenes;
-        let place = scenes.iter().position(|kept| kept.id == id)?;
-        Some(scenes.swap_remove(place))
+        let slot = scenes.iter().position(|kept| kept.id == id)?;
+        Some(scenes.swap_remove(slot))
     }
 
     /// Wakes the client that sent a request with this token, and no other: by the listener of its
@@ -74,22 +74,23 @@ impl Clients {
         locked(&self.known).of(sender.session).listener = found;
     }
 
-    /// Forgets sessions that are gone, and tidies engines; to be called now and then.
+    /// Drops ended sessions, and tidies engines; to be called now and then.
     pub(crate) fn tidy(&self, sessions: impl FnOnce() -> Vec<u128>) {
         let candidates: Vec<u128> =
             locked(&self.known).clients.iter().map(|client| client.session).collect();
         // After the candidates: a session that comes meanwhile is none of them.
         let sessions = sessions();
-        let is_gone = |session: u128| candidates.contains(&session) && !sessions.contains(&session);
+        let has_ended =
+            |session: u128| candidates.contains(&session) && !sessions.contains(&session);
         let mut known = locked(&self.known);
         // Beside those whose place others took.
-        let mut gone = std::mem::take(&mut known.forgotten);
-        gone.extend(known.clients.extract_if(.., |client| is_gone(client.session)));
+        let mut ended = std::mem::take(&mut known.discarded);
+        ended.extend(known.clients.extract_if(.., |client| has_ended(client.session)));
         let engines = known.clients.iter_mut().filter_map(|client| client.engines.as_mut());
         engines.for_each(|engines| engines.tidy());
         drop(known);
         // Large scenes take a while to free.
-        drop(gone);
+        drop(ended);
     }
 }
 
@@ -99,36 +100,36 @@ struct Known {
     capacity: usize,
     looks: u64,
     /// What was kept of clients that others took the place of: large scenes take a while to free.
-    forgotten: Vec<Client>,
+    discarded: Vec<Client>,
 }
 
 impl Known {
     fn new(max_clients: usize) -> Self {
         let capacity = max_clients.max(1);
-        Self { clients: Vec::with_capacity(capacity), capacity, looks: 0, forgotten: Vec::new() }
+        Self { clients: Vec::with_capacity(capacity), capacity, looks: 0, discarded: Vec::new() }
     }
 
     fn find(&self, session: u128) -> Option<&Client> {
         self.clients.iter().find(|client| client.session == session)
     }
 
-    /// A client, remembered from now on. Where clients that are gone fill the list, the one is forgotten that was
+    /// A client, remembered from now on. Where disconnected clients fill the list, the one is dropped that was
     /// looked for longest ago, of those without scenes if there are any: others would have to send theirs again.
     fn of(&mut self, session: u128) -> &mut Client {
         self.looks += 1;
         let found = self.clients.iter().position(|client| client.session == session);
-        let place = found.unwrap_or_else(|| {
+        let slot = found.unwrap_or_else(|| {
             if self.clients.len() >= self.capacity {
                 let all = self.clients.iter().enumerate();
                 let least =
                     all.min_by_key(|(_, client)| (!client.scenes.is_empty(), client.looked_at));
-                let place = least.map_or(0, |(place, _)| place);
-                self.forgotten.push(self.clients.swap_remove(place));
+                let slot = least.map_or(0, |(slot, _)| slot);
+                self.discarded.push(self.clients.swap_remove(slot));
             }
             self.clients.push(Client { session, ..Client::default() });
             self.clients.len() - 1
         });
-        let client = &mut self.clients[place];
+        let client = &mut self.clients[slot];
         client.looked_at = self.looks;
         client
     }
@@ -145,7 +146,7 @@ pub(crate) struct Client {
     /// Its engines, while no frame of it is being culled.
     pub(crate) engines: Option<Box<Executor>>,
     /// Its scenes, but for one that is being changed.
-    pub(crate) scenes: Vec<KeptScene>,
+    pub(crate) scenes: Vec<SessionScene>,
 }
 
 fn find_listener(notifier: &WakeClient, session: u128, client_token: u64) -> Option<ListenerKey> {
@@ -166,7 +167,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_full_list_forgets_and_never_grows() {
+    fn a_full_list_drops_and_never_grows() {
         for max_clients in [0, 1, 4] {
             let mut known = Known::new(max_clients);
             let room = known.clients.capacity();

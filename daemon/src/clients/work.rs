@@ -7,10 +7,10 @@ use pairmask_wire::{Operation, RequestHeader};
 /// Work that is expected of an object where nothing is known of its session: what the engines take
 /// on one core where boxes overlap few others, or less. A scene that takes longer is known after a frame.
 const WORK_AN_OBJECT: Duration = Duration::from_nanos(100);
-/// What a request takes whatever it carries, in objects: an edit of one box takes about as long as one of a hundred.
+/// What a request takes regardless of what it carries, in objects: an edit of one box takes about as long as one of a hundred.
 const FIXED_OBJECTS: f64 = 256.0;
 /// The most work for a pair of boxes of a frame, on one core: a test by the slowest engine, portable and with
-/// collision filters, and its part of the answer. Whatever was measured, a frame is not judged to be more than a test
+/// collision filters, and its part of the answer. Regardless of what was measured, a frame is not judged to be more than a test
 /// of all its pairs: one of 200 boxes is never a large one.
 const MOST_WORK_A_PAIR: Duration = Duration::from_nanos(5);
 /// Kinds of requests of a session that are remembered: a game's frames, and edits and queries of a few scenes.

@@ -109,7 +109,7 @@ pub struct Planned {
 }
 
 impl Planned {
-    pub fn gpu_place(&self) -> usize {
+    pub fn gpu_index(&self) -> usize {
         self.gpu.as_ref().map_or(0, |gpu| gpu.number)
     }
 
@@ -147,7 +147,7 @@ impl Planned {
 /// Predicted time of a plan without the client's part, ns.
 pub(super) fn engine_ns(plan: &Plan) -> u64 {
     let chosen = plan.candidates.iter().flatten().find(|c| c.engine == plan.engine);
-    chosen.map_or(0.0, |c| c.predicted_ns - c.visit_ns) as u64
+    chosen.map_or(0.0, |c| c.predicted_ns - c.iterate_ns) as u64
 }
 
 /// Beside others, frames that take a core up to so long stay there: cores work side by side, and the GPU

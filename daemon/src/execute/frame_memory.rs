@@ -1,7 +1,7 @@
 //! Memory that a frame reads and writes.
 //!
 //! A GPU works on a frame while the daemon does something else, so the frame owns its memory until
-//! the device is done: a value that can be moved, dropped and forgotten without the device ever
+//! the device is done: a value that can be moved, dropped and dropped without the device ever
 //! writing to memory that has another owner by then.
 #![allow(unsafe_code)]
 

@@ -84,7 +84,7 @@ impl Engines {
 
     /// Whether cores cull a scene that crowds the grid sooner, by their tree, than this GPU by all pairs, and may.
     fn is_sooner_on_cores(&self, plan: &Plan) -> bool {
-        let tree = plan.candidates[EngineName::CpuTree.place()];
+        let tree = plan.candidates[EngineName::CpuTree.ordinal()];
         let on_cores = tree.filter(|_| plan.options.engine == EngineChoice::Auto);
         self.cost.zip(on_cores).is_some_and(|(gpu, tree)| {
             gpu.ns_a_test * plan.stats.n.pair_count() as f64 > tree.predicted_ns
@@ -272,7 +272,7 @@ impl GpuService {
         (answered, memory)
     }
 
-    /// Gives up what is kept of clients that are gone. Where there is no device, takes in one that was opened.
+    /// Gives up what is kept of disconnected clients. Where there is no device, takes in one that was opened.
     pub(super) fn tidy(&mut self) {
         match self.0.opened_mut() {
             Some(engines) => engines.change_imports(|imports, _| imports.tidy()),
@@ -295,7 +295,7 @@ const TIMED_FRAMES: usize = 4;
 /// to 52).
 const LINK_NS_A_BYTE: f64 = 0.04;
 
-/// More for a byte that a client reads of memory that the device wrote, beyond what visiting takes
+/// More for a byte that a client reads of memory that the device wrote, beyond what iterating over takes
 /// where a cache holds the mask: between none (0.8 MB) and 0.05 (55 MB) on the host of an H200, with
 /// the lines ahead fetched.
 const FAR_NS_A_BYTE: f64 = 0.02;
@@ -341,6 +341,6 @@ fn measure(engines: &mut Engines, profiled: &EngineOptions) -> Option<GpuCost> {
         grid_fixed_ns: (grid_least_ns - fixed_ns).max(0.0),
         grid_ns_a_box: Some(a_box(rest_ns, least_rest_ns)),
         ns_a_reply_byte: LINK_NS_A_BYTE,
-        ns_a_visited_byte: FAR_NS_A_BYTE,
+        ns_a_read_byte: FAR_NS_A_BYTE,
     })
 }

@@ -52,8 +52,8 @@ impl Gpus {
     }
 
     /// The device of the one at this place, if it is there.
-    pub fn device(&self, place: usize) -> Option<Arc<Gpu>> {
-        self.all.get(place)?.with(GpuService::device)
+    pub fn device(&self, slot: usize) -> Option<Arc<Gpu>> {
+        self.all.get(slot)?.with(GpuService::device)
     }
 
     /// The GPUs of a new scene. Its home is each in turn, of those whose device is there.
@@ -158,11 +158,11 @@ impl SceneGpus {
     }
 
     /// The GPUs whose devices `has` says have the scene, as soon as no other thread uses them: one that has lost it
-    /// may be busy with what came of that. Whoever takes several takes them in this order.
+    /// may be busy with what came of that. A thread that takes several takes them in this order.
     pub(super) fn turns(&self, has: impl Fn(&Gpu) -> bool) -> Vec<Turn<'_>> {
         let has = |device: &Weak<Gpu>| device.upgrade().is_some_and(|device| has(&device));
         let has_it = |gpu: &&Arc<SharedGpu>| {
-            self.its.iter().any(|(place, device)| *place == gpu.number && has(device))
+            self.its.iter().any(|(slot, device)| *slot == gpu.number && has(device))
         };
         self.all.all.iter().filter(has_it).map(|gpu| gpu.turn()).collect()
     }

@@ -6,8 +6,8 @@ mod frame_memory;
 pub mod gpu;
 mod gpu_service;
 mod gpus;
-mod kept_scene;
 mod ruled;
+mod scene_host;
 mod shared_gpu;
 mod spheres;
 
@@ -20,8 +20,8 @@ pub(crate) use self::frame_memory::boxes_of;
 pub use self::gpu::{BUNDLE_FRAMES, Owner, SUBMISSIONS};
 pub use self::gpu_service::{GpuService, WatchDevice};
 pub use self::gpus::{Gpus, SceneGpus};
-pub use self::kept_scene::SceneKeeper;
 pub use self::ruled::RuledFrame;
+pub use self::scene_host::SceneHost;
 pub use self::shared_gpu::{CullUnderWay, Ended, Joining, SharedGpu, Unserved};
 
 use std::sync::Arc;
@@ -39,7 +39,7 @@ use pairmask_wire::RulesReader;
 use self::cpu_side::CpuSide;
 use self::frame_memory::{LentReply, with_lent};
 use self::gpu::Gpu;
-use self::ruled::KeptMarks;
+use self::ruled::CachedMarks;
 
 /// CPU engines of a session, with their state, and the GPU, which all sessions share.
 pub struct Executor {
@@ -48,7 +48,7 @@ pub struct Executor {
     spheres_need: RecentNeed,
     repeats: Repeats,
     rules: RulesReader,
-    marks: KeptMarks,
+    marks: CachedMarks,
     gpus: Gpus,
     /// The place of the GPU that its frames go to while others are no better.
     home: usize,
@@ -79,7 +79,7 @@ impl Executor {
             spheres_need: RecentNeed::default(),
             repeats: Repeats::default(),
             rules: RulesReader::default(),
-            marks: KeptMarks::default(),
+            marks: CachedMarks::default(),
             home: gpus.next_home(),
             gpus,
             isa: AvailableIsa::best(),
@@ -263,9 +263,9 @@ impl Executor {
         self.cpu.engines.give_back();
         self.cpu.expanded = ExpandScratch::default();
         self.spheres = SphereWays::default();
-        self.repeats.forget();
+        self.repeats.discard();
         self.rules.give_back();
-        self.marks = KeptMarks::default();
+        self.marks = CachedMarks::default();
     }
 
     /// Bytes of scratch that the CPU engines keep from frame to frame, beside boxes and replies.

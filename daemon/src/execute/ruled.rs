@@ -19,7 +19,7 @@ use super::gpu::takes_worlds;
 use super::{Executor, GpuService, Owner, Planned, offering_reply};
 
 #[derive(Default)]
-pub(super) struct KeptMarks {
+pub(super) struct CachedMarks {
     /// The number of the rules; 0 before the first.
     of: u64,
     /// Not made where the rules came for the first time; `None` where a GPU cannot take them.
@@ -27,7 +27,7 @@ pub(super) struct KeptMarks {
     ranges: Vec<WorldRange>,
 }
 
-impl KeptMarks {
+impl CachedMarks {
     /// The marks of rules, if a GPU can take them. Rules that come for the first time have none unless
     /// `at_once`: to make marks of a million boxes takes longer than to filter a frame without.
     fn of(

@@ -157,7 +157,7 @@ impl SharedGpu {
         Queued { queued_ns: Arc::clone(&self.queued_ns), ns }
     }
 
-    /// Gives up what the GPU keeps of clients that are gone, and takes a device in that was opened, or was lost and is
+    /// Gives up what the GPU keeps of disconnected clients, and takes a device in that was opened, or was lost and is
     /// back; to be called now and then.
     pub fn tidy(&self) {
         if !self.outlook().is_missing {
@@ -207,7 +207,7 @@ struct Turns {
 }
 
 impl Turns {
-    /// Waits for the next turn. With `naps`, the awaited thread wants this one's core.
+    /// Waits for the next turn. With `naps`, the awaited thread needs this one's core.
     fn take(&self, naps: bool) -> Turn<'_> {
         // Relaxed: a number, which orders nothing by itself.
         let number = self.asked.fetch_add(1, Ordering::Relaxed);
@@ -286,8 +286,8 @@ pub struct Joining<M> {
 }
 
 impl<M> Joining<M> {
-    pub fn gpu_place(&self) -> usize {
-        self.planned.gpu_place()
+    pub fn gpu_index(&self) -> usize {
+        self.planned.gpu_index()
     }
 }
 

@@ -26,10 +26,10 @@ pub(super) struct AxisReport {
     ends: String,
 }
 
-/// Two boxes on the three axes, where both are solid.
+/// Two boxes on the three axes, where both are valid.
 pub(super) fn axes(two: &[Aabb; 2]) -> Option<[AxisReport; 3]> {
-    let solid = two.iter().all(|one| one.class() == BoxClass::Solid);
-    solid.then(|| [0, 1, 2].map(|axis| AxisReport::of(two, axis)))
+    let valid = two.iter().all(|one| one.class() == BoxClass::Valid);
+    valid.then(|| [0, 1, 2].map(|axis| AxisReport::of(two, axis)))
 }
 
 impl AxisReport {

@@ -6,7 +6,7 @@ mod sent;
 
 pub use self::sent::SentBoxes;
 
-use pairmask_core::engine::grid::{self, GridPlace, GridView};
+use pairmask_core::engine::grid::{self, GridCell, GridView};
 use pairmask_core::{Aabb, BoxClass, BoxCount, PairIndex};
 use serde_json::{Value, json};
 
@@ -50,7 +50,7 @@ pub fn explain(boxes: &[Aabb], sent: &SentBoxes<'_>, i: u32, j: u32) -> Result<S
 
 const fn class_name(class: BoxClass) -> &'static str {
     match class {
-        BoxClass::Solid => "solid",
+        BoxClass::Valid => "valid",
         BoxClass::Empty => "empty",
         BoxClass::Invalid => "invalid",
     }
@@ -64,7 +64,7 @@ impl Two<'_> {
         }
         let Some(axes) = &self.axes else {
             let [first, second] = self.given.map(|one| one.class());
-            let (index, class) = if first == BoxClass::Solid { (j, second) } else { (i, first) };
+            let (index, class) = if first == BoxClass::Valid { (j, second) } else { (i, first) };
             let why = match class {
                 BoxClass::Invalid => "has a NaN and so overlaps nothing",
                 _ => "is empty (min above max) and so overlaps nothing",
@@ -92,23 +92,23 @@ impl Two<'_> {
     }
 
     fn json(&self, overlaps: bool, reason: &str) -> Value {
-        let box_report = |place: usize| {
-            let coordinates = <[f32; 6]>::from(self.given[place]);
+        let box_report = |slot: usize| {
+            let coordinates = <[f32; 6]>::from(self.given[slot]);
             json!({
-                "index": self.pair[place],
-                "class": class_name(self.given[place].class()),
+                "index": self.pair[slot],
+                "class": class_name(self.given[slot].class()),
                 // Text, since JSON has neither NaN nor infinity.
                 "coordinates": coordinates.map(|x| format!("{x:?}")),
                 "bits": coordinates.map(|x| format!("{:08x}", x.to_bits())),
             })
         };
-        let place = |place: Option<GridPlace>| {
-            place.map(|place| {
+        let slot = |slot: Option<GridCell>| {
+            slot.map(|slot| {
                 json!({
-                    "level": place.level,
-                    "first_cell": place.first_cell,
-                    "last_cell": place.last_cell,
-                    "cell_edges": place.cell_edges,
+                    "level": slot.level,
+                    "first_cell": slot.first_cell,
+                    "last_cell": slot.last_cell,
+                    "cell_edges": slot.cell_edges,
                 })
             })
         };
@@ -125,7 +125,7 @@ impl Two<'_> {
             "grid": {
                 "levels": self.grid.levels,
                 "compared": self.grid.neighbours,
-                "places": self.grid.places.map(place),
+                "homes": self.grid.homes.map(slot),
             },
         })
     }
@@ -149,8 +149,8 @@ impl Two<'_> {
             lines.push(format!("  pair      number {k}: bit {bit} of word {word} of a dense mask"));
         }
         lines.extend(self.sent.lines(self.pair, &self.as_sent));
-        lines.extend([0, 1].map(|place| self.place_line(place)));
-        if self.grid.places.iter().all(Option::is_some) {
+        lines.extend([0, 1].map(|slot| self.grid_line(slot)));
+        if self.grid.homes.iter().all(Option::is_some) {
             let compared = if self.grid.neighbours {
                 "neighbours: compared"
             } else {
@@ -171,26 +171,26 @@ impl Two<'_> {
             self.box_line(0),
         ];
         lines.extend(self.sent.box_line(i, &self.as_sent[0]));
-        lines.push(self.place_line(0));
+        lines.push(self.grid_line(0));
         lines
     }
 
-    fn box_line(&self, place: usize) -> String {
-        let (index, one) = (self.pair[place], self.given[place]);
+    fn box_line(&self, slot: usize) -> String {
+        let (index, one) = (self.pair[slot], self.given[slot]);
         let line = format!("  box {index:<6} {}", corners(one, |x| format!("{x:?}")));
         match one.class() {
-            BoxClass::Solid => line,
+            BoxClass::Valid => line,
             class => format!("{line}  {}", class_name(class)),
         }
     }
 
     /// The line of a box's cells in the grid, whose unit is a cell of the mode in modes of cells.
-    fn place_line(&self, place: usize) -> String {
-        let index = self.pair[place];
-        let Some(place) = self.grid.places[place] else {
+    fn grid_line(&self, slot: usize) -> String {
+        let index = self.pair[slot];
+        let Some(slot) = self.grid.homes[slot] else {
             return format!("  cpu-grid  box {index} has no cell: it overlaps nothing");
         };
-        let GridPlace { level, first_cell, last_cell, cell_edges } = place;
+        let GridCell { level, first_cell, last_cell, cell_edges } = slot;
         let cells = [0, 1, 2].map(|axis| match (first_cell[axis], last_cell[axis]) {
             (first, last) if first == last => first.to_string(),
             (first, last) => format!("{first}..{last}"),

@@ -1,7 +1,7 @@
 //! Requests in hand: what is let in, and whose turn it is.
 
-mod gate;
-mod inbox;
+mod intake;
+mod queue;
 
-pub use self::gate::{Incoming, Intake};
-pub use self::inbox::{Inbox, Resource};
+pub use self::intake::{Incoming, Intake};
+pub use self::queue::{RequestQueue, Resource};

@@ -17,8 +17,8 @@ use pairmask_transport::{
     assume_response_pages,
 };
 use pairmask_wire::{
-    Page, Reject, ReplyFields, Request, ResponseHeader, ScenePlace, SentRules, WORLD_RANGE_WORDS,
-    page_count, words_in, words_in_mut, write_world_ranges,
+    Page, Reject, ReplyFields, Request, ResponseHeader, SceneSections, SentRules,
+    WORLD_RANGE_WORDS, page_count, words_in, words_in_mut, write_world_ranges,
 };
 
 use super::reply_memory::ReplyMemory;
@@ -47,8 +47,8 @@ impl ReplyLender {
     pub(crate) fn tidy(&self, sessions: &[u128], release: impl FnMut(&Range<usize>) -> bool) {
         let free = locked(&self.free);
         if let Some(free) = &*free {
-            let is_gone = |session| !sessions.contains(&session);
-            self.memory.give_back(free, &self.turn, is_gone, release);
+            let has_ended = |session| !sessions.contains(&session);
+            self.memory.give_back(free, &self.turn, has_ended, release);
         }
     }
 }
@@ -59,7 +59,7 @@ pub(crate) struct OpenRequest {
     pub(crate) sender: Sender,
     pub(crate) fields: ReplyFields,
     pub(crate) taken_at: Instant,
-    scene: ScenePlace,
+    scene: SceneSections,
     loan: Option<ResponseLoan>,
     lender: Arc<ReplyLender>,
     /// Where its objects and its answer are to be kept.
@@ -93,7 +93,7 @@ impl OpenRequest {
             incoming,
             fields,
             taken_at,
-            scene: ScenePlace::EMPTY,
+            scene: SceneSections::EMPTY,
             loan: None,
             lender,
             keep: None,
@@ -106,7 +106,7 @@ impl OpenRequest {
         Request::parse(self.request().header(), self.payload_bytes())
     }
 
-    pub(crate) fn place_scene(&mut self, scene: ScenePlace) -> Result<(), Reject> {
+    pub(crate) fn slot_scene(&mut self, scene: SceneSections) -> Result<(), Reject> {
         if scene.objects_in(self.request().pages()).is_none() {
             let payload_bytes = self.payload_bytes();
             return Err(Reject::Objects { box_count: scene.count.get(), payload_bytes });
@@ -142,7 +142,7 @@ impl OpenRequest {
         (incoming.request.pages(), LoanReply { incoming, loan, lender })
     }
 
-    /// Keeps objects and answer where that is wanted. The reply holds the mask.
+    /// Keeps objects and answer where that is needed. The reply holds the mask.
     pub(crate) fn keep(&mut self, answer: &CullAnswer) {
         if let Some(ticket) = self.keep.take() {
             let behind = self.world_ranges.map_or(0, |span| span.len);
@@ -198,7 +198,7 @@ impl OpenRequest {
         *loan.user_header_mut() = *header;
         let request = self.incoming.request.request();
         let sent = self.lender.turn.take(|| {
-            // The place of a client that is gone may be another's by now, whose own answer would find no room beside
+            // The place of a disconnected client may be another's by now, whose own answer would find no room beside
             // this one.
             if !request.is_connected() {
                 drop(loan);
@@ -227,7 +227,7 @@ fn world_range_span(shape: &MaskShape, words: u64) -> Span {
     Span { start: shape.extent_words(), len: words }
 }
 
-fn objects_at(request: &CheckedRequest, scene: ScenePlace) -> Objects<'_> {
+fn objects_at(request: &CheckedRequest, scene: SceneSections) -> Objects<'_> {
     // They are there: they were when they were placed, and the payload's length is a copy.
     scene.objects_in(request.pages()).unwrap_or(Objects::Boxes(BoxSlice::default()))
 }

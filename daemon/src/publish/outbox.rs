@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use pairmask_core::dispatch::{CullAnswer, StageTimes};
 use pairmask_core::engine::CullReport;
-use pairmask_core::scene::{QueryTags, Reported};
+use pairmask_core::scene::{QueryFilterData, Reported};
 use pairmask_core::{BoxCount, BoxForm, ObjectForm};
 use pairmask_transport::{GpuCounts, Services, StatusFile};
 use pairmask_wire::{
@@ -82,13 +82,13 @@ impl Outbox {
         }
         let mut header = self.count(open, fields.box_count, form, &answer);
         if let Some(span) = open.world_ranges {
-            header.place_world_ranges(span);
+            header.put_world_ranges(span);
         }
         self.send(open, &header);
         if let Some(window) = audited {
             // The objects are ours to read as long as the request is.
             let rules = open.rules.as_ref().map(|rules| Arc::clone(&rules.sent));
-            self.auditor.submit(window, open.objects(), rules, &QueryTags::None);
+            self.auditor.submit(window, open.objects(), rules, &QueryFilterData::None);
         }
     }
 
@@ -170,7 +170,7 @@ impl Outbox {
     }
 
     pub(crate) fn send(&self, open: &mut OpenRequest, header: &ResponseHeader) {
-        // Where there is no memory for one page, or the client is gone, no response can be sent: the
+        // Where there is no memory for one page, or the client has disconnected, no response can be sent: the
         // client's deadline ends its wait.
         if let Err(error) = open.send(header) {
             log::debug!("sending a response: {error}");

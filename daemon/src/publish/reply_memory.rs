@@ -10,7 +10,7 @@ use pairmask_transport::{ChunkLook, FreeChunks, PopulateError, PortTurn, populat
 use pairmask_wire::Page;
 
 /// A chunk whose memory no answer of this time needed is given back: longer than a game's menus or a level that loads,
-/// as with the engines' scratch. That of a client that is gone is given back at once.
+/// as with the engines' scratch. That of a disconnected client is given back at once.
 const IDLE: Duration = Duration::from_secs(10);
 /// Payloads up to this size stay: most answers take one page.
 const KEPT_BYTES: usize = size_of::<Page>();
@@ -32,9 +32,9 @@ impl Chunk {
         }
     }
 
-    fn is_due(&self, now: Instant, is_gone: impl Fn(u128) -> bool) -> bool {
+    fn is_due(&self, now: Instant, has_ended: impl Fn(u128) -> bool) -> bool {
         self.bytes > KEPT_BYTES
-            && (is_gone(self.session) || now.saturating_duration_since(self.at) >= IDLE)
+            && (has_ended(self.session) || now.saturating_duration_since(self.at) >= IDLE)
     }
 }
 
@@ -65,24 +65,24 @@ impl ReplyMemory {
         Ok(())
     }
 
-    /// Gives the memory of free chunks back that no session needs: those of sessions that are gone, and those that were
+    /// Gives the memory of free chunks back that no session needs: those of ended sessions, and those that were
     /// idle for long. `release` has others let go of a range of addresses, and says whether they did.
     pub(super) fn give_back(
         &self,
         free: &FreeChunks,
         turn: &PortTurn,
-        is_gone: impl Fn(u128) -> bool,
+        has_ended: impl Fn(u128) -> bool,
         mut release: impl FnMut(&Range<usize>) -> bool,
     ) {
         let now = Instant::now();
         let mut due: BTreeSet<usize> = {
             let chunks = locked(&self.chunks);
-            let due = chunks.iter().filter(|(_, chunk)| chunk.is_due(now, &is_gone));
+            let due = chunks.iter().filter(|(_, chunk)| chunk.is_due(now, &has_ended));
             due.map(|(address, _)| *address).collect()
         };
         let look = |due: &BTreeSet<usize>, address: usize| {
             if due.contains(&address) {
-                ChunkLook::Wanted
+                ChunkLook::Requested
             } else if locked(&self.chunks).contains_key(&address) {
                 ChunkLook::Other
             } else {
@@ -101,7 +101,9 @@ impl ReplyMemory {
                     known.bytes = 0;
                 }
                 if !free.remove_pages(&mut chunk, bytes) {
-                    log::debug!("{bytes} bytes of a reply that is gone stay in shared memory");
+                    log::debug!(
+                        "{bytes} bytes of a reply that no longer exists stay in shared memory"
+                    );
                 }
             }
             turn.take(|| free.put_below(chunk, |address| look(&BTreeSet::new(), address)));
@@ -116,7 +118,7 @@ mod tests {
     const MIB: usize = 1 << 20;
 
     #[test]
-    fn memory_is_due_when_its_session_is_gone_or_has_not_needed_it_for_long() {
+    fn memory_is_due_when_its_session_is_ended_or_has_not_needed_it_for_long() {
         let start = Instant::now();
         let mut chunk = Chunk { bytes: 0, session: 1, at: start };
         chunk.note(MIB, 1, start);
@@ -124,7 +126,7 @@ mod tests {
         assert!(!chunk.is_due(start + IDLE / 2, nobody));
         assert!(chunk.is_due(start + IDLE, nobody));
         assert!(chunk.is_due(start, |session| session == 1) && !chunk.is_due(start, |s| s == 2));
-        // Answers that need little of it leave it to whoever needed it.
+        // Answers that need little of it leave it to the session that needed it.
         chunk.note(MIB / 2, 2, start + IDLE / 2);
         assert!(chunk.is_due(start + IDLE, nobody) && chunk.is_due(start, |session| session == 1));
         chunk.note(MIB / 2 + 1, 2, start + IDLE / 2);

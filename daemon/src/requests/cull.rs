@@ -112,12 +112,12 @@ impl Culls {
             engine: request.engine,
             encoding: request.encoding,
             threads: Some(threads),
-            visit_threads: request.visit_threads,
+            iterate_threads: request.iterate_threads,
             last_pairs: self.outbox.clients.last_pairs(session),
             ..CullOptions::default()
         };
         let cull = || self.cull(open, request, &options, (beside_others, joining), &mut engines);
-        let used = self.work(Place::Lane, options.threads, cull);
+        let used = self.work(RunsOn::Worker, options.threads, cull);
         self.outbox.clients.of(session, |client| client.engines = Some(engines));
         used
     }
@@ -130,7 +130,7 @@ impl Culls {
         (beside_others, joining): (bool, Option<&mut Vec<Joining<OpenRequest>>>),
         engines: &mut Executor,
     ) -> Served {
-        let placed = open.place_scene(request.scene);
+        let placed = open.slot_scene(request.scene);
         let rules = match placed.and_then(|()| read_rules(&open, request, engines)) {
             Ok(rules) => rules,
             Err(reject) => return self.outbox.refuse_and_close(open, reject.into()),
@@ -207,23 +207,23 @@ impl Culls {
             joining.push(Executor::join(planned, owner, open));
             return Served { gpu, ..Served::BEGUN };
         }
-        let line = self.lines.get(planned.gpu_place());
+        let line = self.lines.get(planned.gpu_index());
         if let Some(line) = line.filter(|_| engines.can_begin(&planned)) {
-            self.claim_place(line, Place::of(options));
+            self.claim_slot(line, RunsOn::of(options));
             match engines.begin(planned, owner, open) {
                 Ok(first) => {
                     line.put(Submission { first, others: Vec::new() });
                     Served { gpu, ..Served::BEGUN }
                 }
                 Err(ended) => {
-                    line.give_place_back();
-                    self.publish_all(ended, Place::of(options))
+                    line.give_slot_back();
+                    self.publish_all(ended, RunsOn::of(options))
                 }
             }
         } else {
             let on_one_core = planned.on_one_core();
             let answer = engines.run(planned, owner, &mut open);
-            Served { on_one_core, gpu, ..self.finish(open, answer, Place::of(options)) }
+            Served { on_one_core, gpu, ..self.finish(open, answer, RunsOn::of(options)) }
         }
     }
 
@@ -238,14 +238,14 @@ impl Culls {
         let owner = Owner::Client(open.sender.port);
         open.keep = engines.ticket(is_alike);
         let answer = filtered::cull_there(&mut open, engines, frame, owner, options);
-        Served { gpu, ..self.finish(open, answer, Place::of(options)) }
+        Served { gpu, ..self.finish(open, answer, RunsOn::of(options)) }
     }
 
     /// Leaves frames to the GPU of the first of them, in one submission, if there are any.
     fn begin_bundle(&self, joining: Vec<Joining<OpenRequest>>) {
         let first = joining.first();
-        let Some(line) = first.and_then(|frame| self.lines.get(frame.gpu_place())) else { return };
-        self.claim_place(line, Place::Lane);
+        let Some(line) = first.and_then(|frame| self.lines.get(frame.gpu_index())) else { return };
+        self.claim_slot(line, RunsOn::Worker);
         let (mut begun, mut unserved) = (Vec::with_capacity(joining.len()), Vec::new());
         for frame in line.gpu.begin_bundle(joining) {
             match frame {
@@ -254,13 +254,13 @@ impl Culls {
             }
         }
         if begun.is_empty() {
-            line.give_place_back();
+            line.give_slot_back();
         } else {
             let first = begun.remove(0);
             line.put(Submission { first, others: begun });
         }
         for frame in unserved {
-            self.publish_all(self.answer(frame, Place::Lane), Place::Lane);
+            self.publish_all(self.answer(frame, RunsOn::Worker), RunsOn::Worker);
         }
     }
 
@@ -269,42 +269,42 @@ impl Culls {
         let mut any = false;
         for line in &self.lines {
             if let Some(submission) = line.take_ended() {
-                self.end(line, submission, Place::Lane);
+                self.end(line, submission, RunsOn::Worker);
                 any = true;
             }
         }
         any
     }
 
-    /// Claims one of the places for frames under way. Ends frames until one is free.
-    fn claim_place(&self, line: &GpuLine, place: Place) {
-        while !line.claim_place() {
+    /// Claims one of the slots for frames under way. Ends frames until one is free.
+    fn claim_slot(&self, line: &GpuLine, runs_on: RunsOn) {
+        while !line.claim_slot() {
             match line.take_oldest() {
-                Some(submission) => self.end(line, submission, place),
+                Some(submission) => self.end(line, submission, runs_on),
                 // Other threads end them, or are about to begin theirs.
                 None => std::thread::yield_now(),
             }
         }
     }
 
-    fn end(&self, line: &GpuLine, submission: Submission, place: Place) {
+    fn end(&self, line: &GpuLine, submission: Submission, runs_on: RunsOn) {
         let Submission { first, others } = submission;
         // Its workspaces are free when the last frame has ended.
         let frames = others.len() + 1;
         for (frame, number) in std::iter::once(first).chain(others).zip(1..) {
             let ended = frame.end();
             if number == frames {
-                line.give_place_back();
+                line.give_slot_back();
             }
-            let ended = ended.unwrap_or_else(|unserved| self.answer(unserved, place));
-            self.publish_all(ended, place);
+            let ended = ended.unwrap_or_else(|unserved| self.answer(unserved, runs_on));
+            self.publish_all(ended, runs_on);
         }
     }
 
     /// Publishes what became of a frame. A device that hangs may keep the request: then its client's
     /// deadline ends its wait.
-    fn publish_all(&self, (answer, open): Ended<OpenRequest>, place: Place) -> Served {
-        open.map_or(Served::BEGUN, |open| self.finish(open, answer, place))
+    fn publish_all(&self, (answer, open): Ended<OpenRequest>, runs_on: RunsOn) -> Served {
+        open.map_or(Served::BEGUN, |open| self.finish(open, answer, runs_on))
     }
 
     /// Publishes an answer that was found without the frame's rules, if it has any.
@@ -312,17 +312,17 @@ impl Culls {
         &self,
         mut open: OpenRequest,
         answer: Result<CullAnswer, CullError>,
-        place: Place,
+        runs_on: RunsOn,
     ) -> Served {
         let finished = self.filters.finish(&mut open, answer, |work| {
-            self.work(place, None, || work(self.pool.threads()));
+            self.work(runs_on, None, || work(self.pool.threads()));
         });
         let answer = match finished {
             Filtered::Done(answer) => answer,
             Filtered::CullHere(rules, options) => {
                 let mut engines = self.new_engines();
                 let cull = || filtered::cull_here(&mut open, &mut engines, &rules, &options);
-                self.work(place, options.threads, cull)
+                self.work(runs_on, options.threads, cull)
             }
         };
         self.publish(open, None, answer)
@@ -347,19 +347,19 @@ impl Culls {
         Served { threads, on_gpu, ..Served::BEGUN }
     }
 
-    fn answer(&self, unserved: Unserved<OpenRequest>, place: Place) -> Ended<OpenRequest> {
+    fn answer(&self, unserved: Unserved<OpenRequest>, runs_on: RunsOn) -> Ended<OpenRequest> {
         let mut engines = self.new_engines();
-        self.work(place, unserved.threads(), move || engines.answer(unserved))
+        self.work(runs_on, unserved.threads(), move || engines.answer(unserved))
     }
 
     /// Does work that may use so many threads: more than one are the pool's.
     fn work<R: Send>(
         &self,
-        place: Place,
+        runs_on: RunsOn,
         threads: Option<usize>,
         work: impl FnOnce() -> R + Send,
     ) -> R {
-        if place == Place::Lane && threads != Some(1) { self.pool.work(work) } else { work() }
+        if runs_on == RunsOn::Worker && threads != Some(1) { self.pool.work(work) } else { work() }
     }
 
     fn new_engines(&self) -> Executor {
@@ -369,16 +369,16 @@ impl Culls {
 
 /// Where a thread is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Place {
+enum RunsOn {
     /// Outside of the pool's work: parallel engines have to be given to it.
-    Lane,
+    Worker,
     /// In the pool's work, which is not begun a second time from within.
     Pool,
 }
 
-impl Place {
+impl RunsOn {
     fn of(options: &CullOptions) -> Self {
-        if options.threads == Some(1) { Self::Lane } else { Self::Pool }
+        if options.threads == Some(1) { Self::Worker } else { Self::Pool }
     }
 }
 
@@ -390,7 +390,7 @@ fn read_rules(
 ) -> Result<Option<Arc<SentRules>>, Reject> {
     let (n, number) = (request.scene.count, request.rules_number);
     let rules = match &request.rules {
-        Some(place) => engines.rules().read_named(place, number, n, open.pages())?,
+        Some(runs_on) => engines.rules().read_named(runs_on, number, n, open.pages())?,
         None if number == 0 => return Ok(None),
         None => engines.rules().named(number, n)?,
     };

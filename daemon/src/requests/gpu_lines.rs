@@ -32,13 +32,13 @@ impl GpuLine {
     }
 
     /// Claims a place for a submission, if one is free.
-    pub(super) fn claim_place(&self) -> bool {
+    pub(super) fn claim_slot(&self) -> bool {
         let claim = |count| (count < SUBMISSIONS).then_some(count + 1);
         self.claimed.fetch_update(Ordering::Relaxed, Ordering::Relaxed, claim).is_ok()
     }
 
     /// Gives a place back that was claimed: its submission has ended, or was never made.
-    pub(super) fn give_place_back(&self) {
+    pub(super) fn give_slot_back(&self) {
         self.claimed.fetch_sub(1, Ordering::Relaxed);
     }
 

@@ -17,8 +17,8 @@ use pairmask_wire::{
 
 use super::{Served, threads_of};
 use crate::audit::{AuditedScene, Auditor, NotedName, SceneNote};
-use crate::clients::{GpuNeed, KeptScene, PendingBoxes, SceneMemory, SceneRoom};
-use crate::execute::{EnginePool, Gpus, SceneKeeper, is_left_to_cores};
+use crate::clients::{GpuNeed, PendingBoxes, SceneMemory, SceneRoom, SessionScene};
+use crate::execute::{EnginePool, Gpus, SceneHost, is_left_to_cores};
 use crate::publish::{OpenRequest, Outbox, Refusal};
 
 #[derive(Clone)]
@@ -36,10 +36,10 @@ impl SceneTools {
         &self,
         most_boxes: u32,
         engine: EngineChoice,
-    ) -> Result<SceneKeeper, CullError> {
+    ) -> Result<SceneHost, CullError> {
         let options = SceneOptions::default().with_most_boxes(most_boxes);
         let engines = CpuEngines::on(self.isa, self.calibration);
-        SceneKeeper::new(options, engines, self.gpus.for_scene(), engine)
+        SceneHost::new(options, engines, self.gpus.for_scene(), engine)
     }
 }
 
@@ -63,7 +63,7 @@ impl SceneEdits {
             }
             // A scene that did not begin is of no use to the client: it sends the scene again.
             edited.map_err(|failed| match failed {
-                Failed::Refused(refusal) if request.base == 0 => Failed::Gone(refusal),
+                Failed::Refused(refusal) if request.base == 0 => Failed::Lost(refusal),
                 failed => failed,
             })
         })
@@ -84,7 +84,7 @@ impl SceneEdits {
             // threads. Else a thread of it would be woken for nothing.
             let are_few = kept.scene.engine().is_gpu() && request.mask.queries() <= FEW_QUERIES;
             let answer = || {
-                let KeptScene { scene, scratch, found, room, audited, .. } = kept;
+                let SessionScene { scene, scratch, found, room, audited, .. } = kept;
                 let asked = (&mut *scene, &mut *found, audited.as_ref());
                 let answered = answer_query(asked, open, request, threads, &self.outbox);
                 room.note(scene, bytes_of(found) + scratch.allocated_bytes() as u64);
@@ -97,9 +97,9 @@ impl SceneEdits {
     fn serve(
         &self,
         mut open: OpenRequest,
-        found: Result<KeptScene, Refusal>,
+        found: Result<SessionScene, Refusal>,
         threads: usize,
-        work: impl FnOnce(&mut KeptScene, &mut OpenRequest) -> Result<(), Failed>,
+        work: impl FnOnce(&mut SessionScene, &mut OpenRequest) -> Result<(), Failed>,
     ) -> Served {
         let mut gpu = GpuNeed::None;
         let done = found.and_then(|mut kept| {
@@ -107,10 +107,10 @@ impl SceneEdits {
             if kept.scene.engine().is_gpu() {
                 gpu = GpuNeed::Alone;
             }
-            if !matches!(done, Err(Failed::Gone(_))) {
+            if !matches!(done, Err(Failed::Lost(_))) {
                 self.outbox.clients.of(open.sender.session, |client| client.scenes.push(kept));
             }
-            done.map_err(|(Failed::Refused(refusal) | Failed::Gone(refusal))| refusal)
+            done.map_err(|(Failed::Refused(refusal) | Failed::Lost(refusal))| refusal)
         });
         if let Err(refusal) = &done {
             self.outbox.refuse(&mut open, refusal);
@@ -125,12 +125,12 @@ impl SceneEdits {
         self.outbox.send(open, &header);
     }
 
-    fn find(&self, session: u128, request: &SceneRequest) -> Result<KeptScene, Refusal> {
+    fn find(&self, session: u128, request: &SceneRequest) -> Result<SessionScene, Refusal> {
         if request.base == 0 {
             drop(self.outbox.clients.take_scene(session, request.scene));
             let scene = self.tools.new_scene(request.most_boxes, request.engine)?;
             let audited = self.outbox.auditor.draw_scene(request.most_boxes);
-            return Ok(KeptScene {
+            return Ok(SessionScene {
                 id: request.scene,
                 revision: 0,
                 scene,
@@ -148,7 +148,7 @@ impl SceneEdits {
         session: u128,
         scene: SceneId,
         revision: u64,
-    ) -> Result<KeptScene, Refusal> {
+    ) -> Result<SessionScene, Refusal> {
         match self.outbox.clients.take_scene(session, scene) {
             Some(kept) if kept.revision == revision => Ok(kept),
             kept => {
@@ -163,13 +163,13 @@ impl SceneEdits {
 }
 
 fn edit_and_answer(
-    kept: &mut KeptScene,
+    kept: &mut SessionScene,
     open: &mut OpenRequest,
     request: &SceneRequest,
     threads: usize,
     outbox: &Outbox,
 ) -> Result<(), Failed> {
-    let KeptScene { revision, scene, scratch, found, room, audited, .. } = kept;
+    let SessionScene { revision, scene, scratch, found, room, audited, .. } = kept;
     let start = Instant::now();
     let steps = scratch.read(request, open.pages())?;
     let edit = Edit { steps: &steps };
@@ -188,12 +188,12 @@ fn edit_and_answer(
         Ok(()) => *revision = request.revision,
         // The scene is what it was.
         Err(SceneError::Edit(error)) => return Err(error.into()),
-        // Its boxes are gone with the device's memory: the client sends them again.
+        // Its boxes are lost with the device's memory: the client sends them again.
         Err(SceneError::Cull(error)) if is_left_to_cores(&error) => {
-            return Err(Failed::Gone(Refusal::stale_scene(0)));
+            return Err(Failed::Lost(Refusal::stale_scene(0)));
         }
-        Err(SceneError::Cull(error)) => return Err(Failed::Gone(error.into())),
-        Err(error) => return Err(Failed::Gone(Refusal::engine_failed(&error))),
+        Err(SceneError::Cull(error)) => return Err(Failed::Lost(error.into())),
+        Err(error) => return Err(Failed::Lost(Refusal::engine_failed(&error))),
     }
     let executed = Instant::now();
 
@@ -205,7 +205,7 @@ fn edit_and_answer(
     };
     let answer = EditAnswer { engine: scene.engine(), bytes: scene.bytes(), threads, times };
     let reported = scene.reported();
-    answer.send(open, reported, None, outbox).map_err(Failed::Gone)?;
+    answer.send(open, reported, None, outbox).map_err(Failed::Lost)?;
     if let Some(audited) = audited {
         // Its payload is ours to read as long as the request is.
         let ReplyFields { client_token, frame, .. } = open.fields;
@@ -261,8 +261,8 @@ impl EditAnswer {
 pub(super) enum Failed {
     /// The scene is what it was.
     Refused(Refusal),
-    /// The scene is gone, or of no use to its client: an edit was applied whose answer is lost.
-    Gone(Refusal),
+    /// The scene is lost, or of no use to its client: an edit was applied whose answer is lost.
+    Lost(Refusal),
 }
 
 impl<E: Into<Refusal>> From<E> for Failed {
@@ -286,17 +286,17 @@ pub(super) const fn bytes_of(found: &Vec<[u32; 2]>) -> u64 {
 /// Why a query has no answer.
 fn unanswered(error: QueryError) -> Failed {
     match error {
-        // Its boxes are gone with the device's memory: the client sends them again.
-        QueryError::Cull(CullError::DeviceLost { .. }) => Failed::Gone(Refusal::stale_scene(0)),
+        // Its boxes are lost with the device's memory: the client sends them again.
+        QueryError::Cull(CullError::DeviceLost { .. }) => Failed::Lost(Refusal::stale_scene(0)),
         QueryError::Cull(error) => error.into(),
-        // Whether there are enough tags was checked with the header.
-        _ => Reject::Query("tags").into(),
+        // Whether there is enough filter data was checked with the header.
+        _ => Reject::Query("filter data").into(),
     }
 }
 
 /// Answers a query of a scene, with memory for what is found, and with its audit if it has one.
 pub(super) fn answer_query(
-    (scene, found, audited): (&mut SceneKeeper, &mut Vec<[u32; 2]>, Option<&AuditedScene>),
+    (scene, found, audited): (&mut SceneHost, &mut Vec<[u32; 2]>, Option<&AuditedScene>),
     open: &mut OpenRequest,
     request: &QueryRequest,
     threads: usize,
@@ -309,9 +309,9 @@ pub(super) fn answer_query(
     let answer = {
         let (pages, mut reply) = open.payload_and_reply();
         let malformed = Reject::Query("payload");
-        let (queries, tags) = request.read(pages).ok_or(malformed)?;
+        let (queries, filter_data) = request.read(pages).ok_or(malformed)?;
         request.mask.answer(queries, request.encoding, threads, found, &mut reply, |found| {
-            scene.query(queries, tags, found).map_err(unanswered)
+            scene.query(queries, filter_data, found).map_err(unanswered)
         })
     };
     if found.capacity() > MOST_KEPT_PAIRS {
@@ -322,9 +322,9 @@ pub(super) fn answer_query(
     answer.times.ingest_ns = begun.duration_since(taken_at).as_nanos() as u64;
     let queries = BoxCount::new(request.mask.queries());
     if let Some(window) = outbox.answer_query(open, queries, answer, audited)
-        && let Some((queries, tags)) = request.read(open.pages())
+        && let Some((queries, filter_data)) = request.read(open.pages())
     {
-        outbox.auditor.submit(window, BoxSlice::from(queries).into(), None, &tags);
+        outbox.auditor.submit(window, BoxSlice::from(queries).into(), None, &filter_data);
     }
     Ok(())
 }

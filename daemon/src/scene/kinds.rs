@@ -118,9 +118,9 @@ pub(super) fn plane(n: usize, random: &mut Random) -> Scene {
 }
 
 /// Object order carries no hint of place.
-fn shuffle<T>(items: &mut [T], random: &mut Random) {
-    for last in (1..items.len()).rev() {
-        items.swap(last, random.below(last as u64 + 1) as usize);
+fn shuffle<T>(entries: &mut [T], random: &mut Random) {
+    for last in (1..entries.len()).rev() {
+        entries.swap(last, random.below(last as u64 + 1) as usize);
     }
 }
 

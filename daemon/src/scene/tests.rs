@@ -33,14 +33,14 @@ fn scenes_have_their_pairs_and_keep_them() {
 }
 
 #[test]
-fn every_scene_has_n_solid_boxes_at_any_n_and_frame() {
+fn every_scene_has_n_valid_boxes_at_any_n_and_frame() {
     for name in SceneName::ALL {
         for n in [0, 1, 2, 3, 17, 64, 70, 1_234] {
             let mut scene = Scene::new(name, n, 3);
             for _ in 0..20 {
                 assert_eq!(scene.boxes().len(), n, "{name}");
                 assert!(
-                    scene.boxes().iter().all(|b| b.class() == pairmask_core::BoxClass::Solid),
+                    scene.boxes().iter().all(|b| b.class() == pairmask_core::BoxClass::Valid),
                     "{name}"
                 );
                 scene.step();

@@ -1,9 +1,9 @@
 //! The thread that beats for the worker, and ends it where it hangs.
 //!
 //! The beats say that the process runs: they stop where it is stopped, and go on while it works on a long
-//! frame. Whether it serves is another question. The lane that looks for requests comes by twice a second;
-//! where none has for a long time and every thread sleeps, lanes wait for each other, and the process ends,
-//! to be replaced. A lane that works or waits for a processor is runnable, and one that waits for memory or
+//! frame. Whether it serves is another question. The worker thread that looks for requests comes by twice a second;
+//! where none has for a long time and every thread sleeps, worker threads wait for each other, and the process ends,
+//! to be replaced. A worker thread that works or waits for a processor is runnable, and one that waits for memory or
 //! a disk is in an uninterruptible sleep: such a worker is left alone.
 
 use std::fs;
@@ -18,7 +18,7 @@ use rustix::thread::gettid;
 use super::{ServeError, StoppedThread};
 
 const LOOK_INTERVAL: Duration = Duration::from_millis(500);
-/// Lanes that sleep, all of them, for this long without a look for requests, hang: the one that leads looks
+/// Worker threads that sleep, all of them, for this long without a look for requests, hang: the one that leads looks
 /// twice a second, and a frame that is under way on a GPU is looked at all the time.
 const HANGS_AFTER: Duration = Duration::from_secs(10);
 
@@ -26,7 +26,7 @@ const HANGS_AFTER: Duration = Duration::from_secs(10);
 const FULL_FOR: Duration = Duration::from_secs(1);
 
 pub(super) struct Beating {
-    /// Rounds of the lanes: one that looks for requests counts them.
+    /// Rounds of the worker threads: one that looks for requests counts them.
     pub(super) rounds: Arc<AtomicU64>,
     /// Where the server port notes that it had no file to connect to a client.
     pub(super) has_no_files: Arc<AtomicBool>,
@@ -52,7 +52,7 @@ fn beat(
     stop: &AtomicBool,
     instance: &InstanceName,
 ) {
-    let (mut lanes, mut look_at, mut is_reported) = (watch_lanes(), Instant::now(), false);
+    let (mut workers, mut look_at, mut is_reported) = (watch_workers(), Instant::now(), false);
     let (mut last_round, mut full_until) = (0, None);
     while !stop.load(Ordering::Relaxed) {
         if has_no_files.swap(false, Ordering::Relaxed) {
@@ -73,9 +73,9 @@ fn beat(
         if now >= look_at {
             look_at = now + LOOK_INTERVAL;
             let round = rounds.load(Ordering::Relaxed);
-            // A look at all threads takes up to a millisecond: only where the lanes are quiet.
+            // A look at all threads takes up to a millisecond: only where the worker threads are quiet.
             let all_sleep = std::mem::replace(&mut last_round, round) == round && others_sleep();
-            if lanes_hang(&mut lanes, round, all_sleep, now) {
+            if workers_hang(&mut workers, round, all_sleep, now) {
                 log::error!(
                     "the worker of '{instance}' hangs: all its threads have slept for {HANGS_AFTER:?} and none looked for requests; ending it"
                 );
@@ -86,14 +86,14 @@ fn beat(
     }
 }
 
-fn watch_lanes() -> Stillness {
+fn watch_workers() -> Stillness {
     Stillness::new(None, Instant::now(), 2 * LOOK_INTERVAL)
 }
 
-fn lanes_hang(lanes: &mut Stillness, rounds: u64, all_sleep: bool, now: Instant) -> bool {
-    // No lane has begun yet, or one is at work: that counts as movement.
+fn workers_hang(workers: &mut Stillness, rounds: u64, all_sleep: bool, now: Instant) -> bool {
+    // No worker thread has begun yet, or one is at work: that counts as movement.
     let seen = (rounds > 0 && all_sleep).then_some(rounds);
-    lanes.look(seen, now) >= HANGS_AFTER
+    workers.look(seen, now) >= HANGS_AFTER
 }
 
 /// Whether all threads of this process but this one sleep, until something wakes them.
@@ -118,12 +118,12 @@ mod tests {
     #[test]
     fn threads_that_work_or_page_do_not_sleep() {
         for (stat, expected) in [
-            ("7 (lane-1) S 1 7", true),
+            ("7 (worker-1) S 1 7", true),
             ("7 (a) S) R 1 7", false),
             ("7 (a) R) S 1 7", true),
-            ("7 (lane-1) D 1 7", false),
-            ("7 (lane-1) R 1 7", false),
-            ("7 (lane-1) T 1 7", false),
+            ("7 (worker-1) D 1 7", false),
+            ("7 (worker-1) R 1 7", false),
+            ("7 (worker-1) T 1 7", false),
             ("", false),
         ] {
             assert_eq!(sleeps(stat), expected, "{stat}");
@@ -131,14 +131,14 @@ mod tests {
     }
 
     #[test]
-    fn lanes_hang_only_where_all_sleep_and_none_looks_for_long() {
+    fn workers_hang_only_where_all_sleep_and_none_looks_for_long() {
         let start = Instant::now();
         let second = Duration::from_secs(1);
         let hang_at = |seen: &dyn Fn(u32) -> (u64, bool)| {
-            let mut lanes = watch_lanes();
+            let mut workers = watch_workers();
             (0..60).find(|i| {
                 let (rounds, all_sleep) = seen(*i);
-                lanes_hang(&mut lanes, rounds, all_sleep, start + *i * second)
+                workers_hang(&mut workers, rounds, all_sleep, start + *i * second)
             })
         };
         assert_eq!(hang_at(&|_| (5, true)), Some(10));

@@ -51,7 +51,7 @@ impl Janitor {
     }
 }
 
-/// Takes away what dead processes left, and tells of how many. What they left is whatever they wrote:
+/// Takes away what dead processes left, and reports how many. What they left is what they wrote:
 /// the transport panics over queues that contradict themselves, and those beside them have to go.
 pub(super) fn clean_up(node: &DaemonNode) -> u64 {
     let cleaned = catch_unwind(AssertUnwindSafe(|| node.try_cleanup_dead_nodes().cleanups));

@@ -6,9 +6,9 @@
 
 mod heartbeat;
 mod janitor;
-mod lanes;
 mod supervisor;
 mod worker;
+mod worker_threads;
 
 pub(crate) use self::supervisor::stop;
 pub use self::supervisor::{FILES_PER_CLIENT, supervise};
@@ -103,7 +103,7 @@ impl DaemonSettings {
 /// 20 to 30 ms in which the worker is awake before its frames.
 pub const DEFAULT_SPIN: Duration = Duration::from_micros(50);
 
-/// A thread that is told to stop, woken and joined when this is dropped.
+/// A thread that is asked to stop, woken and joined when this is dropped.
 pub(crate) struct StoppedThread {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -152,7 +152,9 @@ pub enum ServeError {
     #[error("{step}: {source}")]
     System { step: &'static str, source: std::io::Error },
     /// The supervisor ended before its worker could bind itself to it.
-    #[error("the supervisor, process {supervisor}, is gone: its worker does not serve without it")]
+    #[error(
+        "the supervisor, process {supervisor}, has exited: its worker does not serve without it"
+    )]
     Orphaned { supervisor: u32 },
     /// A process without a supervisor, or one that does not die, still has the server port.
     #[error(

@@ -32,7 +32,7 @@ use signal_hook::low_level::pipe;
 use super::{ServeError, ServeSettings};
 use crate::execute::gpu::GpuChoices;
 
-/// How long to wait for the lock of a supervisor that is gone. One that lives is not waited for.
+/// How long to wait for the lock of a supervisor that has exited. One that lives is not waited for.
 const PREDECESSOR_LETS_GO: Duration = Duration::from_secs(1);
 const PREDECESSOR_LOOK: Duration = Duration::from_millis(5);
 /// A worker that was asked to stop has this long: more than its longest sleep and one frame.
@@ -126,7 +126,7 @@ fn keep_working(settings: &ServeSettings) -> Result<(), ServeError> {
     }
 }
 
-/// Forgets workers that died and whose processes have ended now, and logs how.
+/// Drops workers that died and whose processes have ended now, and logs how.
 fn reap(dying: &mut Vec<Child>, settings: &ServeSettings) {
     dying.retain_mut(|worker| match worker.try_wait() {
         Ok(None) => true,
@@ -194,7 +194,7 @@ fn spawn_worker(settings: &ServeSettings, restarted: bool) -> Result<Child, Serv
         // Mesa's layer that sorts adapters asks the user's display which one it runs on. A daemon
         // has no display to ask, and its user chooses by --gpu.
         .env("NODEVICE_SELECT", "1")
-        // Nothing is written: the pipe tells when the worker's files are closed.
+        // Nothing is written: the pipe shows when the worker's files are closed.
         .stdin(Stdio::piped())
         .spawn()
         .map_err(ServeError::system("starting the worker"))
@@ -277,7 +277,7 @@ impl HeartWatch {
 
     fn beats(&mut self, settings: &ServeSettings) -> Option<u64> {
         if self.heart.is_none() {
-            // The predecessor's file is gone: what is there is this worker's.
+            // The predecessor's file no longer exists: what is there is this worker's.
             self.heart = settings.dir.watch(&settings.instance, None).ok().flatten();
         }
         self.heart.as_ref()?.beats()
@@ -291,7 +291,7 @@ impl HeartWatch {
     }
 }
 
-/// Whether a child is stopped by a signal, as the kernel tells its parent. A debugger's stops are not reported.
+/// Whether a child is stopped by a signal, as the kernel informs its parent. A debugger's stops are not reported.
 fn is_stopped(child: Pid) -> bool {
     let options = WaitIdOptions::STOPPED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
     matches!(waitid(WaitId::Pid(child), options), Ok(Some(_)))
@@ -302,7 +302,7 @@ pub(crate) fn stop(child: &mut Child, within: Duration) -> io::Result<ExitStatus
     if let Some(pid) = i32::try_from(child.id()).ok().and_then(Pid::from_raw)
         && matches!(child.try_wait(), Ok(None))
     {
-        // Sending fails if the process has ended already, which is what is wanted.
+        // Sending fails if the process has ended already, which is what is needed.
         let _ = kill_process(pid, Signal::TERM);
     }
     let deadline = Instant::now() + within;

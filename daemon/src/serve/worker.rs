@@ -1,4 +1,4 @@
-//! The process that serves: what it needs, and its lanes.
+//! The process that serves: what it needs, and its worker threads.
 //!
 //! One that starts beside a GPU measures this machine for a moment. Without that, the plan would give frames to a CPU twice as slow as that of the built-in constants where the GPU is
 //! faster.
@@ -23,7 +23,7 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 
 use super::heartbeat::Beating;
 use super::janitor::{Janitor, clean_up};
-use super::lanes::Lanes;
+use super::worker_threads::WorkerThreads;
 use super::{DaemonSettings, ServeError, ServeSettings};
 use crate::audit::Auditor;
 use crate::execute::gpu::{DEFAULT_HOLD, GpuChoices, IfMissing, OpenError};
@@ -105,13 +105,14 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
         Arc::clone(&pool),
         auditor,
     )?;
-    let lanes = Lanes::new(intake, wake, responder, pool.threads(), settings, &janitor, &stop);
-    lanes.run()?;
+    let threads =
+        WorkerThreads::new(intake, wake, responder, pool.threads(), settings, &janitor, &stop);
+    threads.run()?;
     // Without a record it is no worker that died: the supervisor waits for its status.
     settings.dir.remove_record(&settings.instance);
     // What follows may take a while, and is no hanging.
     drop(beating);
-    // Its threads may have used the devices, which are gone now: until then they stay (`gpu::slot`).
+    // Its threads may have used the devices, which are closed now: until then they stay (`gpu::slot`).
     drop(pool);
     drop(janitor);
     if let Some(error) = locked(&missing).take() {
@@ -123,7 +124,7 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
 }
 
 /// Ends this process with its supervisor: without one, a worker would hold the instance for ever. The
-/// kernel tells of an end from now on; of one before, the parent that this process has now.
+/// kernel reports an end from now on; of one before, the parent that this process has now.
 fn bind_to(supervisor: u32) -> Result<(), ServeError> {
     rustix::process::set_parent_process_death_signal(Some(Signal::KILL))
         .map_err(|e| ServeError::system("binding to the supervisor")(e.into()))?;
@@ -206,9 +207,9 @@ fn open_server(
 const GPU_FILES: [&str; 4] = ["/dev/dri", "/dev/nvidiactl", "/dev/kfd", "/dev/dxg"];
 
 /// Whether a GPU may join. It takes too long to ask drivers.
-fn may_have_gpu(wanted: &GpuChoices) -> bool {
+fn may_have_gpu(requested: &GpuChoices) -> bool {
     let has_files = || GPU_FILES.iter().any(|file| Path::new(file).exists());
-    !wanted.is_none() && (!wanted.is_optional() || has_files())
+    !requested.is_none() && (!requested.is_optional() || has_files())
 }
 
 /// The constants that plans compute with.
@@ -226,7 +227,7 @@ fn constants(isa: AvailableIsa, has_gpu: bool) -> Calibration {
     })
 }
 
-/// The GPUs that are wanted, each being opened by a thread of its own: cores serve until it joins. `auto` and `all` do
+/// The GPUs that are needed, each being opened by a thread of its own: cores serve until it joins. `auto` and `all` do
 /// without where there is none. One that is named has to open when the daemon starts; a worker that takes the place of
 /// another goes on trying.
 fn open_gpus(
@@ -234,12 +235,12 @@ fn open_gpus(
     missing: &Arc<Mutex<Option<OpenError>>>,
     stop: &Arc<AtomicBool>,
 ) -> Vec<GpuService> {
-    let wanted = &settings.daemon.gpu;
-    if wanted.is_none() {
+    let requested = &settings.daemon.gpu;
+    if requested.is_none() {
         // Not even a look: listing adapters takes time and loads every driver.
         return Vec::new();
     }
-    let if_missing = if wanted.is_optional() {
+    let if_missing = if requested.is_optional() {
         IfMissing::DoWithout
     } else if settings.restarted {
         IfMissing::TryAgain
@@ -254,7 +255,7 @@ fn open_gpus(
         let hold = settings.daemon.gpu_awake.unwrap_or(DEFAULT_HOLD);
         GpuService::opening(&choice, hold, settings.watch_devices, if_missing.clone())
     };
-    wanted.each().into_iter().map(open).collect()
+    requested.each().into_iter().map(open).collect()
 }
 
 /// Boxes of the scenes that are timed: one small enough to compare all pairs, one that suits the grid.
@@ -268,11 +269,11 @@ const FRAMES: (usize, usize) = (7, 22);
 /// built-in constants.
 const TIME: Duration = Duration::from_millis(5);
 
-/// Measured over predicted time of an engine's frame; `None` is the client, which visits its pairs.
+/// Measured over predicted time of an engine's frame; `None` is the client, which iterates over its pairs.
 type Ratio = (Option<EngineName>, f64);
 
 /// The constants of `start` scaled to this machine and `isa`: each engine by itself on one thread, and those of masks
-/// by the time of visiting their pairs.
+/// by the time of iterating over their pairs.
 pub(super) fn glance(start: &Calibration, isa: AvailableIsa) -> Result<Calibration, CullError> {
     let mut ratios: Vec<Ratio> = Vec::new();
     for n in SIZES {
@@ -285,7 +286,7 @@ pub(super) fn glance(start: &Calibration, isa: AvailableIsa) -> Result<Calibrati
     };
     let mut scaled = *start;
     for engine in EngineName::CPU {
-        scaled.engines[engine.place()] *= mean(Some(engine));
+        scaled.engines[engine.ordinal()] *= mean(Some(engine));
     }
     scaled.masks = scaled.masks.map(|times| times * mean(None));
     Ok(scaled)
@@ -310,7 +311,7 @@ fn measure(
         if frame >= least && begin.elapsed() > TIME {
             break;
         }
-        for (_, engine, [cull_ns, visit_ns], pairs) in &mut timed {
+        for (_, engine, [cull_ns, iterate_ns], pairs) in &mut timed {
             let start = Instant::now();
             let report = engine.cull(&input, &mut reply)?;
             *cull_ns = nanoseconds_since(start).min(*cull_ns);
@@ -321,17 +322,17 @@ fn measure(
                 mask.with_isa(isa).for_each(|a, b| indices ^= a ^ b);
                 std::hint::black_box(indices);
             }
-            *visit_ns = nanoseconds_since(start).min(*visit_ns);
+            *iterate_ns = nanoseconds_since(start).min(*iterate_ns);
             *pairs = report.pair_count;
         }
     }
     let ratio = |ns: u64, predicted_ns: f64| ns.max(1) as f64 / predicted_ns.max(1.0);
-    let ratios = timed.into_iter().flat_map(|(name, _, [cull_ns, visit_ns], pairs)| {
+    let ratios = timed.into_iter().flat_map(|(name, _, [cull_ns, iterate_ns], pairs)| {
         let stats = SceneStats::glance(boxes, Some(pairs));
         let predicted_ns = start.cull_ns(name, Encoding::Sparse, &stats);
         let cull = predicted_ns.map_or(1.0, |predicted_ns| ratio(cull_ns, predicted_ns));
-        let visit = ratio(visit_ns, start.visit_ns(name, Encoding::Sparse, &stats));
-        [(Some(name), cull), (None, visit)]
+        let iterate = ratio(iterate_ns, start.iterate_ns(name, Encoding::Sparse, &stats));
+        [(Some(name), cull), (None, iterate)]
     });
     Ok(ratios.collect())
 }
@@ -351,11 +352,11 @@ mod tests {
         let (found, found_of_slower) =
             (glance(&built_in, isa).expect("a look"), glance(&slower, isa).expect("a look"));
         let times = |found: Calibration| {
-            let cpu = EngineName::CPU.map(|engine| found.engines[engine.place()]);
+            let cpu = EngineName::CPU.map(|engine| found.engines[engine.ordinal()]);
             [&cpu[..], &found.masks].concat()
         };
         for (times, of_slower) in times(found).iter().zip(times(found_of_slower)) {
-            // The start is forgotten, whatever else runs on this machine.
+            // The start is dropped, regardless of what else runs on this machine.
             assert!((0.05..20.0).contains(&(times / of_slower)), "{times} {of_slower}");
         }
     }

@@ -3,15 +3,15 @@
 use pairmask_tests::stress_scenes;
 use serde_json::Value;
 
-use crate::support::{Finished, Place, keys, names};
+use crate::support::{Finished, Sandbox, keys, names};
 
 /// In the order in which they are printed: the whole frame first.
 const STAGES: [&str; 7] =
     ["total_ns", "fill_ns", "answer_ns", "round_trip_ns", "engine_ns", "added_ns", "decode_ns"];
 
 /// Measures twelve frames.
-fn latency(place: &Place, flags: &str) -> Finished {
-    place.run_line(&format!("bench latency --frames 12 {flags}"))
+fn latency(sandbox: &Sandbox, flags: &str) -> Finished {
+    sandbox.run_line(&format!("bench latency --frames 12 {flags}"))
 }
 
 fn check_row(row: &Value, n: u32, backend: &str, wait: &str) {
@@ -48,12 +48,12 @@ fn check_row(row: &Value, n: u32, backend: &str, wait: &str) {
 
 #[test]
 fn rows_for_every_wait_and_scene() {
-    let place = Place::new();
+    let sandbox = Sandbox::new();
     let flags = "--n 0,100 --warm-up 2 --wait spin,event --json";
-    let finished = latency(&place, flags);
+    let finished = latency(&sandbox, flags);
     let report = finished.json();
-    let places = STAGES.map(|stage| finished.stdout.find(&format!("\"{stage}\"")));
-    assert!(places.is_sorted(), "{finished:?}");
+    let sandboxes = STAGES.map(|stage| finished.stdout.find(&format!("\"{stage}\"")));
+    assert!(sandboxes.is_sorted(), "{finished:?}");
     assert_eq!(keys(&report), names("machine rows"));
     let machine = &report["machine"];
     assert_eq!(keys(machine), names("cpu cores os kernel toolchain commit command"));
@@ -65,18 +65,18 @@ fn rows_for_every_wait_and_scene() {
     for (row, (wait, n)) in rows.iter().zip(expected) {
         check_row(row, n, "daemon", wait);
     }
-    place.assert_clean(&[]);
+    sandbox.assert_clean(&[]);
 }
 
 #[test]
 fn a_row_for_a_scene_from_a_file_and_for_every_precision() {
-    let place = Place::new();
-    place.boxes(&stress_scenes::named("uniform").boxes(70, 1));
+    let sandbox = Sandbox::new();
+    sandbox.boxes(&stress_scenes::named("uniform").boxes(70, 1));
     let precisions = "exact,q16,q8,f16,margin=0.2";
     let flags = "--backend in-process --warm-up 0 --json";
-    let report = latency(&place, &format!("--scene boxes.f32 {flags}")).json();
+    let report = latency(&sandbox, &format!("--scene boxes.f32 {flags}")).json();
     check_row(&report["rows"][0], 70, "in-process", "spin");
-    let report = latency(&place, &format!("--n 70 {flags} --precision {precisions}")).json();
+    let report = latency(&sandbox, &format!("--n 70 {flags} --precision {precisions}")).json();
     let rows = report["rows"].as_array().unwrap();
     for (row, precision) in rows.iter().zip(precisions.split(',')) {
         check_row(row, 70, "in-process", "spin");
@@ -95,7 +95,7 @@ fn a_row_for_a_scene_from_a_file_and_for_every_precision() {
 
 #[test]
 fn text_has_a_table_for_each_row() {
-    let finished = latency(&Place::new(), "--n 10,20 --backend in-process");
+    let finished = latency(&Sandbox::new(), "--n 10,20 --backend in-process");
     assert_eq!(finished.code, Some(0), "{finished:?}");
     for part in ["10 boxes, in-process", "20 boxes, in-process", "a frame: client", "decode"] {
         assert!(finished.stdout.contains(part), "{finished:?}");
@@ -105,8 +105,8 @@ fn text_has_a_table_for_each_row() {
 }
 
 #[test]
-fn several_threads_of_the_client_write_and_visit() {
-    let report = latency(&Place::new(), "--n 40000 --warm-up 0 --decode-threads 2 --json").json();
+fn several_threads_of_the_client_write_and_iterate() {
+    let report = latency(&Sandbox::new(), "--n 40000 --warm-up 0 --decode-threads 2 --json").json();
     check_row(&report["rows"][0], 40_000, "daemon", "spin");
     assert_eq!(report["rows"][0]["decode_threads"], 2);
 }

@@ -7,7 +7,7 @@ use pairmask_tests::oracle::{self, Pair, Truth};
 use pairmask_tests::{spheres, stress_scenes};
 use serde_json::Value;
 
-use crate::support::{Place, daemon, keys, names, words};
+use crate::support::{Sandbox, daemon, keys, names, words};
 
 const FIELDS: &str = "shape boxes pairs invalid empty backend engine encoding mask_bytes precision \
                       box_form box_bytes gap_below stages_ns total_ns skipped warnings";
@@ -45,11 +45,11 @@ fn pairs_in(mask: &[u32], encoding: &str, n: u32) -> Vec<Pair> {
 
 #[test]
 fn pairs_and_masks_are_those_of_the_oracle() {
-    let place = Place::new();
+    let sandbox = Sandbox::new();
     let boxes = scene();
     let truth = oracle::truth(&boxes);
     let n = boxes.len() as u32;
-    place.boxes(&boxes);
+    sandbox.boxes(&boxes);
     let daemon = daemon();
     let dir = daemon.dir().path().to_owned();
     for backend in ["in-process", "daemon"] {
@@ -57,17 +57,17 @@ fn pairs_and_masks_are_those_of_the_oracle() {
             let more =
                 format!("--backend {backend} --encoding {encoding} --pairs pairs --mask mask");
             let line = format!("cull boxes.f32 --runtime-dir {} {more} --json", dir.display());
-            let report = place.run_line(&line).json();
+            let report = sandbox.run_line(&line).json();
             assert_eq!((&report["shape"], &report["boxes"]), (&"boxes".into(), &n.into()));
             assert_eq!(report["pairs"], truth.pairs.len());
-            check_files(&place, &report, (backend, encoding), (n, &truth));
+            check_files(&sandbox, &report, (backend, encoding), (n, &truth));
         }
     }
 }
 
 /// Checks what is said of an answer, and the files of its pairs and its mask.
 fn check_files(
-    place: &Place,
+    sandbox: &Sandbox,
     report: &Value,
     (backend, encoding): (&str, &str),
     (n, truth): (u32, &Truth),
@@ -76,19 +76,19 @@ fn check_files(
     assert_eq!((&report["backend"], &report["encoding"]), (&backend.into(), &encoding.into()));
     assert_eq!(report["invalid"], truth.census.invalid);
     assert_eq!(report["empty"], truth.census.empty);
-    assert_eq!(pairs_of(&words(&place.file("pairs"))), truth.pairs, "{backend} {encoding}");
-    let mask = words(&place.file("mask"));
+    assert_eq!(pairs_of(&words(&sandbox.file("pairs"))), truth.pairs, "{backend} {encoding}");
+    let mask = words(&sandbox.file("mask"));
     assert_eq!(pairs_in(&mask, encoding, n), truth.pairs, "{backend} {encoding}");
 }
 
 #[test]
 fn spheres_are_those_of_their_oracle() {
-    let place = Place::new();
+    let sandbox = Sandbox::new();
     let scene = spheres::hard_scene(300, 4);
     let truth = spheres::truth(&scene);
     assert!(truth.pairs.len() > 100 && truth.census.empty > 0 && truth.census.invalid > 0);
-    std::fs::write(place.file("spheres.f32"), bytemuck::cast_slice(&scene)).unwrap();
-    let cull = |more: &str| place.run_line(&format!("cull spheres.f32 --shape spheres {more}"));
+    std::fs::write(sandbox.file("spheres.f32"), bytemuck::cast_slice(&scene)).unwrap();
+    let cull = |more: &str| sandbox.run_line(&format!("cull spheres.f32 --shape spheres {more}"));
     for backend in ["--spawn", "--backend=in-process"] {
         for encoding in ENCODINGS {
             let files = "--pairs pairs --mask mask --json";
@@ -98,7 +98,7 @@ fn spheres_are_those_of_their_oracle() {
             assert_eq!(report["box_form"], "spheres");
             assert_eq!(report["box_bytes"], 16 * scene.len());
             let by = if backend == "--spawn" { "daemon" } else { "in-process" };
-            check_files(&place, &report, (by, encoding), (300, &truth));
+            check_files(&sandbox, &report, (by, encoding), (300, &truth));
         }
     }
     let text = cull("--backend=in-process").stdout;
@@ -107,16 +107,16 @@ fn spheres_are_those_of_their_oracle() {
         let finished = cull(more);
         assert!(finished.error(2).contains(flag), "{finished:?}");
     }
-    std::fs::write(place.file("odd"), [0; 24]).unwrap();
-    let finished = place.run_line("cull odd --shape spheres");
+    std::fs::write(sandbox.file("odd"), [0; 24]).unwrap();
+    let finished = sandbox.run_line("cull odd --shape spheres");
     assert!(finished.error(1).contains("1 spheres of 16 bytes and 8 bytes more"), "{finished:?}");
 }
 
 #[test]
 fn times_add_up() {
-    let place = Place::new();
-    place.boxes(&scene());
-    let report = place.run_line("cull boxes.f32 --backend in-process --json").json();
+    let sandbox = Sandbox::new();
+    sandbox.boxes(&scene());
+    let report = sandbox.run_line("cull boxes.f32 --backend in-process --json").json();
     let stages = &report["stages_ns"];
     assert_eq!(keys(stages), names("read ingest plan execute publish engine round_trip decode"));
     let ns = |name: &str| stages[name].as_u64().unwrap();
@@ -135,10 +135,10 @@ fn times_add_up() {
 
 #[test]
 fn explain_says_what_was_seen_predicted_and_measured() {
-    let place = Place::new();
-    place.boxes(&stress_scenes::named("uniform").boxes(1234, 3));
+    let sandbox = Sandbox::new();
+    sandbox.boxes(&stress_scenes::named("uniform").boxes(1234, 3));
     let cull = "cull boxes.f32 --backend in-process --explain";
-    let report = place.run_line(&format!("{cull} --json")).json();
+    let report = sandbox.run_line(&format!("{cull} --json")).json();
     let explain = &report["explain"];
     let fields = "stats calibration candidates engine encoding threads why predicted_ns measured_ns \
                   note";
@@ -157,19 +157,19 @@ fn explain_says_what_was_seen_predicted_and_measured() {
     assert_eq!(explain["measured_ns"], ns("engine") - ns("plan") + ns("decode"));
     assert!(explain["note"].is_null());
 
-    let text = place.run_line(&format!("{cull} --engine cpu-sap")).stdout;
-    for part in ["1234 boxes, 100 % solid", "-> cpu-sap", "asked for", "predicted ", "measured "] {
+    let text = sandbox.run_line(&format!("{cull} --engine cpu-sap")).stdout;
+    for part in ["1234 boxes, 100 % valid", "-> cpu-sap", "asked for", "predicted ", "measured "] {
         assert!(text.contains(part), "{text}");
     }
-    let report = place.run_line("cull boxes.f32 --spawn --explain --json").json();
+    let report = sandbox.run_line("cull boxes.f32 --spawn --explain --json").json();
     let note = report["explain"]["note"].as_str().unwrap();
     assert!(note.contains("PAIRMASK_LOG=debug"), "{note}");
 }
 
 #[test]
 fn every_precision_has_all_pairs_and_a_daemon_that_is_spawned_leaves_nothing() {
-    let place = Place::new();
-    place.boxes(&scene());
+    let sandbox = Sandbox::new();
+    sandbox.boxes(&scene());
     let exact = oracle::truth(&scene()).pairs;
     for (precision, form, box_bytes) in [
         ("exact", "f32", 24),
@@ -181,13 +181,13 @@ fn every_precision_has_all_pairs_and_a_daemon_that_is_spawned_leaves_nothing() {
         for (backend, by) in [("--spawn", "daemon"), ("--backend=in-process", "in-process")] {
             let line =
                 format!("cull boxes.f32 {backend} --json --precision {precision} --pairs pairs");
-            let report = place.run_line(&line).json();
+            let report = sandbox.run_line(&line).json();
             assert_eq!(keys(&report), names(FIELDS));
             assert_eq!((&report["precision"], &report["backend"]), (&precision.into(), &by.into()));
             assert_eq!(report["box_form"], form);
             assert_eq!(report["box_bytes"], 345 * box_bytes);
             assert_eq!((&report["invalid"], &report["empty"]), (&2.into(), &1.into()));
-            let pairs = pairs_of(&words(&place.file("pairs")));
+            let pairs = pairs_of(&words(&sandbox.file("pairs")));
             assert!(exact.iter().all(|pair| pairs.binary_search(pair).is_ok()), "{precision}");
             assert_eq!(precision == "exact", report["gap_below"][0] == 0.0, "{report}");
             assert_eq!(report["pairs"], pairs.len());
@@ -197,64 +197,64 @@ fn every_precision_has_all_pairs_and_a_daemon_that_is_spawned_leaves_nothing() {
             }
         }
     }
-    place.assert_clean(&["boxes.f32", "pairs"]);
+    sandbox.assert_clean(&["boxes.f32", "pairs"]);
 }
 
 #[test]
 fn stdin_and_no_box_at_all() {
-    let place = Place::new();
+    let sandbox = Sandbox::new();
     let boxes = scene();
     let arguments = ["cull", "-", "--backend", "in-process", "--json"];
-    let report = place.run_with_input(&arguments, bytemuck::cast_slice(&boxes)).json();
+    let report = sandbox.run_with_input(&arguments, bytemuck::cast_slice(&boxes)).json();
     assert_eq!(report["pairs"], oracle::truth(&boxes).pairs.len());
-    let report = place.run_with_input(&arguments, &[]).json();
+    let report = sandbox.run_with_input(&arguments, &[]).json();
     assert_eq!((&report["boxes"], &report["pairs"]), (&0.into(), &0.into()));
 }
 
 #[test]
 fn results_go_to_stdout_and_the_report_aside() {
-    let place = Place::new();
-    place.boxes(&scene());
+    let sandbox = Sandbox::new();
+    sandbox.boxes(&scene());
     let truth = oracle::truth(&scene());
     let bytes = |name: &str, what: &str| {
         let line = format!("cull boxes.f32 --backend in-process --encoding dense {what} -");
-        let finished = place.line(&line).output().unwrap();
+        let finished = sandbox.line(&line).output().unwrap();
         let stderr = String::from_utf8_lossy(&finished.stderr);
         assert_eq!(finished.status.code(), Some(0), "{stderr}");
         for part in ["pairs      ", "345 (1 empty, 2 invalid)", "cpu-", "in-process", "round trip"]
         {
             assert!(stderr.contains(part), "{stderr}");
         }
-        std::fs::write(place.file(name), &finished.stdout).unwrap();
-        words(&place.file(name))
+        std::fs::write(sandbox.file(name), &finished.stdout).unwrap();
+        words(&sandbox.file(name))
     };
     assert_eq!(pairs_of(&bytes("pairs", "--pairs")), truth.pairs);
     assert_eq!(pairs_in(&bytes("mask", "--mask"), "dense", 345), truth.pairs);
-    assert!(!place.file("-").exists());
-    let scene = place.line("scene uniform 50 -").output().unwrap().stdout;
+    assert!(!sandbox.file("-").exists());
+    let scene = sandbox.line("scene uniform 50 -").output().unwrap().stdout;
     assert_eq!(scene.len(), 50 * 24);
 }
 
 #[test]
 fn a_file_of_odd_size_is_named_with_its_size() {
-    let place = Place::new();
-    std::fs::write(place.file("odd"), [0; 100]).unwrap();
-    let finished = place.run_line("cull odd --json");
+    let sandbox = Sandbox::new();
+    std::fs::write(sandbox.file("odd"), [0; 100]).unwrap();
+    let finished = sandbox.run_line("cull odd --json");
     let error = finished.error(1);
     assert!(error.contains("odd has 100 bytes") && error.contains("4 boxes"), "{error}");
     assert_eq!(finished.stdout, "");
-    let piped = place.run_with_input(&["cull", "-"], &[0; 23]);
+    let piped = sandbox.run_with_input(&["cull", "-"], &[0; 23]);
     assert!(piped.error(1).contains("23 bytes"));
 }
 
 #[test]
 fn a_missing_daemon_says_what_to_do() {
-    let place = Place::new();
-    place.boxes(&scene());
-    let finished = place.run_line("cull boxes.f32 --backend daemon --instance world");
+    let sandbox = Sandbox::new();
+    sandbox.boxes(&scene());
+    let finished = sandbox.run_line("cull boxes.f32 --backend daemon --instance world");
     let error = finished.error(1);
-    let searched = format!("instance 'world' in {}", place.path().display());
+    let searched = format!("instance 'world' in {}", sandbox.path().display());
     assert!(error.contains("pairmaskd serve") && error.contains(&searched), "{error}");
-    let report = place.run_line("cull boxes.f32 --backend auto --json");
+    let report = sandbox.run_line("cull boxes.f32 --backend auto --json");
     assert_eq!(report.json()["backend"], "in-process");
 }

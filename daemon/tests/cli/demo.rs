@@ -2,12 +2,12 @@
 
 use rustix::process::{Pid, Signal, kill_process};
 
-use crate::support::{Place, eventually, finish};
+use crate::support::{Sandbox, eventually, finish};
 
 #[test]
 fn ends_by_itself_with_every_sample_right() {
-    let place = Place::new();
-    let finished = place.run_line("demo --seconds 2 --boxes 300");
+    let sandbox = Sandbox::new();
+    let finished = sandbox.run_line("demo --seconds 2 --boxes 300");
     assert_eq!(finished.code, Some(0), "{finished:?}");
     let text = &finished.stdout;
     assert!(text.contains("frames/s") && text.contains("p99"), "a line a second: {text}");
@@ -16,16 +16,16 @@ fn ends_by_itself_with_every_sample_right() {
     let checks = text.lines().find(|line| line.starts_with("checks ")).unwrap();
     assert!(checks.ends_with("frames checked, all right"), "{text}");
     assert!(!checks.contains(" 0 frames"), "{text}");
-    place.assert_clean(&[]);
+    sandbox.assert_clean(&[]);
 }
 
 #[test]
 fn nothing_outlives_a_demo_that_a_signal_ends() {
     for signal in [Signal::TERM, Signal::KILL] {
-        let place = Place::new();
-        let child = place.line("demo --seconds 1000 --boxes 50").spawn().unwrap();
+        let sandbox = Sandbox::new();
+        let child = sandbox.line("demo --seconds 1000 --boxes 50").spawn().unwrap();
         let is_worker = |process: &String| process.contains("--worker");
-        eventually("the daemon serves", || place.processes().iter().any(is_worker).then_some(()));
+        eventually("the daemon serves", || sandbox.processes().iter().any(is_worker).then_some(()));
         std::thread::sleep(std::time::Duration::from_millis(300));
         kill_process(Pid::from_raw(child.id().cast_signed()).unwrap(), signal).unwrap();
         let finished = finish(child);
@@ -33,6 +33,6 @@ fn nothing_outlives_a_demo_that_a_signal_ends() {
             assert_eq!(finished.code, Some(0), "{finished:?}");
             assert!(finished.stdout.contains("checks "), "its summary: {finished:?}");
         }
-        place.assert_clean(&[]);
+        sandbox.assert_clean(&[]);
     }
 }

@@ -9,7 +9,7 @@ use std::process::{Command, Stdio};
 use pairmask_core::Aabb;
 use pairmask_tests::stress_scenes;
 
-use crate::support::{Finished, PAIRMASKD, Place, finish, full, run_with};
+use crate::support::{Finished, PAIRMASKD, Sandbox, finish, full, run_with};
 
 const JARGON: &str = "number would be zero|non-zero type|nonzero|invalid digit|target type|cannot parse|\
                       not in 0..|os error|stream did not contain|expected a string|Os {|::";
@@ -29,8 +29,8 @@ fn scene() -> Vec<Aabb> {
 
 #[test]
 fn a_wrong_command_line_is_reported_in_one_line() {
-    let place = Place::new();
-    place.boxes(&scene());
+    let sandbox = Sandbox::new();
+    sandbox.boxes(&scene());
     for (line, expected) in [
         ("", "a command is missing, one of serve, cull"),
         ("sing", "there is no command 'sing'"),
@@ -70,15 +70,15 @@ fn a_wrong_command_line_is_reported_in_one_line() {
         ("serve --audit 1/0", "1/1000"),
         ("demo --boxes 0", "must be at least 1"),
     ] {
-        check(&place.run_line(line), 2, expected, &line);
+        check(&sandbox.run_line(line), 2, expected, &line);
     }
 }
 
 #[test]
 fn a_wrong_variable_is_named_and_an_empty_one_is_none() {
-    let place = Place::new();
-    place.boxes(&scene());
-    let run = |name, value| run_with(&place, "cull boxes.f32 --json", &[(name, value)]);
+    let sandbox = Sandbox::new();
+    sandbox.boxes(&scene());
+    let run = |name, value| run_with(&sandbox, "cull boxes.f32 --json", &[(name, value)]);
     for (name, value, expected) in [
         ("PAIRMASK_THREADS", "0", "'0' in PAIRMASK_THREADS: must be at least 1"),
         ("PAIRMASK_ENGINE", "fast", "'fast' in PAIRMASK_ENGINE"),
@@ -93,9 +93,9 @@ fn a_wrong_variable_is_named_and_an_empty_one_is_none() {
 
 #[test]
 fn files_that_cannot_be_used_say_why_and_what_to_do() {
-    let place = Place::new();
-    place.boxes(&scene());
-    std::fs::create_dir(place.file("dir")).unwrap();
+    let sandbox = Sandbox::new();
+    sandbox.boxes(&scene());
+    std::fs::create_dir(sandbox.file("dir")).unwrap();
     for (line, expected) in [
         ("cull absent", "absent: there is no such file: check its name"),
         ("cull dir", "dir: it is a directory: name a file"),
@@ -109,16 +109,16 @@ fn files_that_cannot_be_used_say_why_and_what_to_do() {
         ("scene uniform 9 /dev/full", "the disk is full"),
     ] {
         // A busy machine would be warned of too.
-        let finished = run_with(&place, line, &[("PAIRMASK_LOG", "error")]);
+        let finished = run_with(&sandbox, line, &[("PAIRMASK_LOG", "error")]);
         check(&finished, 1, expected, &line);
     }
 }
 
 /// A copy of the program that every user may run.
-fn program_of_all(place: &Place) -> PathBuf {
-    std::fs::set_permissions(place.path(), Permissions::from_mode(0o755)).unwrap();
+fn program_of_all(sandbox: &Sandbox) -> PathBuf {
+    std::fs::set_permissions(sandbox.path(), Permissions::from_mode(0o755)).unwrap();
     // By another process: one that is written here may not be executed while a test forks.
-    let program = place.file("pairmaskd");
+    let program = sandbox.file("pairmaskd");
     let copied = Command::new("cp").args([PAIRMASKD.as_ref(), program.as_path()]).status().unwrap();
     assert!(copied.success());
     program
@@ -137,24 +137,24 @@ const NOBODY: u32 = 65_534;
 
 #[test]
 fn what_belongs_to_others_says_what_to_do() {
-    let place = Place::new();
-    place.boxes(&scene());
-    let own = place.file("pairmask");
+    let sandbox = Sandbox::new();
+    sandbox.boxes(&scene());
+    let own = sandbox.file("pairmask");
     std::fs::create_dir(&own).unwrap();
     std::fs::write(own.join("config.toml"), "threads = 1\n").unwrap();
     let lock = |path: &Path, mode| std::fs::set_permissions(path, Permissions::from_mode(mode));
-    let program = program_of_all(&place);
-    lock(&place.file("boxes.f32"), 0).unwrap();
+    let program = program_of_all(&sandbox);
+    lock(&sandbox.file("boxes.f32"), 0).unwrap();
     lock(&own.join("config.toml"), 0).unwrap();
     // Root may read files without any read permission.
-    let may_read_all = File::open(place.file("boxes.f32")).is_ok();
+    let may_read_all = File::open(sandbox.file("boxes.f32")).is_ok();
     let run = |line: &str| {
         let mut command = bare(&program, line);
-        command.current_dir(place.path()).env("PAIRMASK_RUNTIME_DIR", place.path());
+        command.current_dir(sandbox.path()).env("PAIRMASK_RUNTIME_DIR", sandbox.path());
         if may_read_all {
             command.uid(NOBODY);
         }
-        finish(command.env("XDG_CONFIG_HOME", place.path()).spawn().unwrap())
+        finish(command.env("XDG_CONFIG_HOME", sandbox.path()).spawn().unwrap())
     };
     for (line, code, expected) in [
         ("status", 2, "config.toml: you may not read it: change its permissions"),
@@ -171,7 +171,7 @@ fn what_belongs_to_others_says_what_to_do() {
 
 #[test]
 fn a_wrong_configuration_is_reported_with_its_line() {
-    let place = Place::new();
+    let sandbox = Sandbox::new();
     for (text, expected) in [
         ("threads = 0", "config.toml, line 1 (threads = 0): must be at least 1"),
         ("\nthreads = 'x'", "line 2 (threads = 'x'): must be a whole number without quotes"),
@@ -184,41 +184,41 @@ fn a_wrong_configuration_is_reported_with_its_line() {
         ("[[[", "line 1 ([[[)"),
         ("gpu = true", "must be text in quotes"),
     ] {
-        std::fs::write(place.file("config.toml"), text).unwrap();
-        check(&place.run_line("status --config config.toml"), 2, expected, &text);
+        std::fs::write(sandbox.file("config.toml"), text).unwrap();
+        check(&sandbox.run_line("status --config config.toml"), 2, expected, &text);
     }
-    std::fs::write(place.file("config.toml"), [0xff, 0xfe]).unwrap();
-    check(&place.run_line("status --config config.toml"), 2, "it is no text", &"bytes");
-    check(&place.run_line("status --config ."), 2, ".: it is a directory", &"directory");
+    std::fs::write(sandbox.file("config.toml"), [0xff, 0xfe]).unwrap();
+    check(&sandbox.run_line("status --config config.toml"), 2, "it is no text", &"bytes");
+    check(&sandbox.run_line("status --config ."), 2, ".: it is a directory", &"directory");
     // A command that uses no setting does not fail by a wrong one.
-    let finished = run_with(&place, "scene uniform 9 o", &[("PAIRMASK_CONFIG", "config.toml")]);
+    let finished = run_with(&sandbox, "scene uniform 9 o", &[("PAIRMASK_CONFIG", "config.toml")]);
     assert_eq!(finished.code, Some(0));
 }
 
 #[test]
 fn a_process_that_failed_is_reported_of_once() {
-    let place = Place::new();
-    place.boxes(&scene());
+    let sandbox = Sandbox::new();
+    sandbox.boxes(&scene());
     for line in ["serve --gpu 99", "cull boxes.f32 --spawn --gpu 99", "demo --seconds 1 --gpu 99"] {
         // It serves on cores until it knows, and says that it does.
-        let finished = run_with(&place, line, &[("PAIRMASK_LOG", "warn")]);
+        let finished = run_with(&sandbox, line, &[("PAIRMASK_LOG", "warn")]);
         assert!(finished.error(1).contains("no GPU fits '99'"), "{finished:?}");
     }
 }
 
 #[test]
 fn stderr_that_takes_nothing_is_no_crash() {
-    let place = Place::new();
+    let sandbox = Sandbox::new();
     for (line, code) in [("cull absent", 1), ("cull absent --frob", 2)] {
-        let status = place.line(line).stderr(full()).status().unwrap();
+        let status = sandbox.line(line).stderr(full()).status().unwrap();
         assert_eq!(status.code(), Some(code), "{line}");
     }
 }
 
 #[test]
-fn a_reader_that_has_gone_is_no_failure_and_output_without_room_is_one() {
-    let place = Place::new();
-    place.boxes(&scene());
+fn a_reader_that_has_ended_is_no_failure_and_output_without_room_is_one() {
+    let sandbox = Sandbox::new();
+    sandbox.boxes(&scene());
     for line in [
         "--help",
         "--version",
@@ -231,12 +231,12 @@ fn a_reader_that_has_gone_is_no_failure_and_output_without_room_is_one() {
     ] {
         let (reader, writer) = std::io::pipe().unwrap();
         drop(reader);
-        let mut command = place.line(line);
+        let mut command = sandbox.line(line);
         let finished = command.stdout(writer).stderr(Stdio::piped()).output().unwrap();
         let stderr = String::from_utf8_lossy(&finished.stderr);
         assert_eq!(finished.status.code(), Some(0), "{line}: {stderr}");
         assert!(!stderr.contains("Broken pipe") && !stderr.contains("panicked"), "{stderr}");
-        let output = place.line(line).stdout(full()).output().unwrap();
+        let output = sandbox.line(line).stdout(full()).output().unwrap();
         let stderr = String::from_utf8(output.stderr).unwrap();
         let (code, stdout) = (output.status.code(), String::new());
         let finished = Finished { name: "pairmaskd", code, stdout, stderr };
@@ -246,14 +246,14 @@ fn a_reader_that_has_gone_is_no_failure_and_output_without_room_is_one() {
 
 #[test]
 fn a_file_that_is_no_scene_is_warned_of() {
-    let place = Place::new();
-    let in_process = |line: &str| place.run_line(&format!("{line} --backend in-process"));
+    let sandbox = Sandbox::new();
+    let in_process = |line: &str| sandbox.run_line(&format!("{line} --backend in-process"));
     let cull = |more: &str| in_process(&format!("cull boxes.f32 {more}"));
-    place.boxes(&scene());
+    sandbox.boxes(&scene());
     let fine = cull("--json");
     assert_eq!((fine.json()["warnings"].as_array().unwrap().len(), fine.stderr.as_str()), (0, ""));
 
-    place.boxes(&[Aabb::EMPTY; 20]);
+    sandbox.boxes(&[Aabb::EMPTY; 20]);
     let empty = cull("--json");
     assert!(empty.stderr.contains("no box overlaps anything"), "{empty:?}");
     assert!(empty.json()["warnings"][0].as_str().unwrap().contains("empty"), "{empty:?}");
@@ -262,22 +262,22 @@ fn a_file_that_is_no_scene_is_warned_of() {
 
     let spheres: Vec<[f32; 4]> =
         (0..240u8).map(|i| [f32::from(i), 9.0, f32::from(i % 50), 0.5]).collect();
-    std::fs::write(place.file("boxes.f32"), bytemuck::cast_slice(&spheres)).unwrap();
+    std::fs::write(sandbox.file("boxes.f32"), bytemuck::cast_slice(&spheres)).unwrap();
     let as_boxes = cull("--json");
     assert!(as_boxes.stderr.contains("try --shape spheres"), "{as_boxes:?}");
     assert_eq!(as_boxes.json()["warnings"].as_array().unwrap().len(), 1);
     assert_eq!(cull("--shape spheres").stderr, "");
-    place.boxes(&stress_scenes::named("uniform").boxes(240, 1));
+    sandbox.boxes(&stress_scenes::named("uniform").boxes(240, 1));
     let as_spheres = cull("--shape spheres");
     assert!(as_spheres.stderr.contains("without --shape spheres"), "{as_spheres:?}");
 }
 
 #[test]
 fn latency_is_measured_where_it_says() {
-    let place = Place::new();
-    let latency = |place_of_daemon: &str| {
+    let sandbox = Sandbox::new();
+    let latency = |sandbox_of_daemon: &str| {
         let line = "bench latency --n 50 --frames 3 --warm-up 1 --json";
-        place.run_line(&format!("{line} --backend {place_of_daemon}")).json()
+        sandbox.run_line(&format!("{line} --backend {sandbox_of_daemon}")).json()
     };
     for (backend, answered) in
         [("daemon", "daemon"), ("in-process", "in-process"), ("auto", "in-process")]
@@ -292,15 +292,15 @@ fn latency_is_measured_where_it_says() {
 /// Each would be read without end.
 #[test]
 fn a_device_without_an_end_is_refused() {
-    let place = Place::new();
+    let sandbox = Sandbox::new();
     for device in ["/dev/full", "/dev/zero"] {
-        let finished = place.run_line(&format!("cull {device} --backend in-process"));
+        let finished = sandbox.run_line(&format!("cull {device} --backend in-process"));
         check(&finished, 1, "a device without an end: name a file", &device);
-        let mut command = place.line("cull - --backend in-process");
+        let mut command = sandbox.line("cull - --backend in-process");
         let child = command.stdin(File::open(device).unwrap()).spawn().unwrap();
         check(&finish(child), 1, "a device without an end: name a file", &device);
     }
-    let finished = place.run_line("cull /dev/null --backend in-process --json");
+    let finished = sandbox.run_line("cull /dev/null --backend in-process --json");
     assert_eq!(finished.json()["boxes"], 0);
 }
 
@@ -311,9 +311,9 @@ fn the_home_of_another_user_is_named() {
         // Without root the test cannot act as a second user, and root's home stands for another's.
         return;
     }
-    let place = Place::new();
-    let program = program_of_all(&place);
-    let home = place.file("home");
+    let sandbox = Sandbox::new();
+    let program = program_of_all(&sandbox);
+    let home = sandbox.file("home");
     std::fs::create_dir(&home).unwrap();
     std::fs::set_permissions(&home, Permissions::from_mode(0o700)).unwrap();
     for variable in ["HOME", "XDG_CONFIG_HOME"] {

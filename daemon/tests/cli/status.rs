@@ -5,10 +5,12 @@ use pairmaskd::spawn::PrivateDaemon;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
-use crate::support::{Finished, PAIRMASKD, Place, Serving, daemon, eventually, keys, names, stop};
+use crate::support::{
+    Finished, PAIRMASKD, Sandbox, Serving, daemon, eventually, keys, names, stop,
+};
 
-fn status(place: &Place, daemon: &PrivateDaemon, more: &str) -> Finished {
-    place.run_line(&format!("status --runtime-dir {} {more}", daemon.dir().path().display()))
+fn status(sandbox: &Sandbox, daemon: &PrivateDaemon, more: &str) -> Finished {
+    sandbox.run_line(&format!("status --runtime-dir {} {more}", daemon.dir().path().display()))
 }
 
 /// The report of a command that failed.
@@ -19,17 +21,17 @@ fn failed(finished: &Finished) -> Value {
 
 #[test]
 fn no_daemon_serves() {
-    let place = Place::new();
-    let finished = place.run_line("status");
+    let sandbox = Sandbox::new();
+    let finished = sandbox.run_line("status");
     assert!(finished.error(1).contains("pairmaskd serve"), "{finished:?}");
-    let report = failed(&place.run_line("status --json"));
+    let report = failed(&sandbox.run_line("status --json"));
     assert_eq!(report["instances"], Value::Array(vec![]));
-    assert_eq!(report["runtime_dir"], place.path().to_str().unwrap());
+    assert_eq!(report["runtime_dir"], sandbox.path().to_str().unwrap());
 }
 
 #[test]
 fn a_daemon_reports_what_it_did() {
-    let place = Place::new();
+    let sandbox = Sandbox::new();
     let daemon = daemon();
     let mut session = daemon.session().connect().unwrap();
     for _ in 0..3 {
@@ -37,7 +39,7 @@ fn a_daemon_reports_what_it_did() {
         frame.boxes_mut().fill(Aabb::from([0.0; 6]));
         frame.submit().unwrap().wait().unwrap();
     }
-    let report = status(&place, &daemon, "--json").json();
+    let report = status(&sandbox, &daemon, "--json").json();
     let instance = &report["instances"][0];
     let fields = "instance state version pid supervisor_pid daemon problem";
     assert_eq!(keys(instance), names(fields));
@@ -68,7 +70,7 @@ fn a_daemon_reports_what_it_did() {
     assert_eq!(reported["audit"], Value::Null);
 
     let is_shown = |text: &str| {
-        let status = status(&place, &daemon, "");
+        let status = status(&sandbox, &daemon, "");
         assert!(status.stdout.contains(text), "{text}: {status:?}");
     };
     is_shown("default: alive");
@@ -81,19 +83,19 @@ fn a_daemon_reports_what_it_did() {
     let edit = scene.edit().set(0, Aabb::EMPTY);
     drop(edit.commit(pairmask::Report::All).unwrap());
     is_shown("1 scenes of 1 MiB");
-    let other = status(&place, &daemon, "--instance other");
+    let other = status(&sandbox, &daemon, "--instance other");
     assert!(other.error(1).contains("instance 'other'"), "{other:?}");
     assert!(other.error(1).contains("pairmaskd serve --instance other"), "{other:?}");
 }
 
 #[test]
 fn refused_requests_are_remembered() {
-    let place = Place::new();
+    let sandbox = Sandbox::new();
     let daemon = daemon();
     let engine = "gpu-grid".parse().unwrap();
     let mut session = daemon.session().engine(engine).connect().unwrap();
     session.frame(1).unwrap().submit().unwrap().wait().unwrap_err();
-    let report = status(&place, &daemon, "--json").json();
+    let report = status(&sandbox, &daemon, "--json").json();
     let reported = &report["instances"][0]["daemon"];
     assert_eq!(reported["errors"], 1);
     let error = &reported["last_errors"][0];
@@ -104,12 +106,12 @@ fn refused_requests_are_remembered() {
 
 #[test]
 fn a_killed_daemon_is_dead() {
-    let place = Place::new();
-    let serving = Serving::start(&place, "", "default");
+    let sandbox = Sandbox::new();
+    let serving = Serving::start(&sandbox, "", "default");
     let (record, dir) = (serving.record(), serving.dir.clone());
     drop(serving);
-    eventually("the worker ends", || place.processes().is_empty().then_some(()));
-    let report = failed(&place.run_line("status --json"));
+    eventually("the worker ends", || sandbox.processes().is_empty().then_some(()));
+    let report = failed(&sandbox.run_line("status --json"));
     let instance = &report["instances"][0];
     assert_eq!((&instance["state"], &instance["daemon"]), (&"dead".into(), &Value::Null));
     assert_eq!(instance["pid"], record.worker_pid);
@@ -119,7 +121,7 @@ fn a_killed_daemon_is_dead() {
 
 #[test]
 fn a_hanging_daemon_is_silent() {
-    let place = Place::new();
+    let sandbox = Sandbox::new();
     let daemon = daemon();
     // The supervisor would replace its worker.
     let record = daemon.record().unwrap();
@@ -128,7 +130,7 @@ fn a_hanging_daemon_is_silent() {
     for pid in processes {
         stop(pid);
     }
-    let finished = status(&place, &daemon, "--json");
+    let finished = status(&sandbox, &daemon, "--json");
     for pid in processes {
         kill_process(pid, Signal::CONT).unwrap();
     }
@@ -162,12 +164,12 @@ fn a_daemon_answers_in_other_namespaces() {
 
 #[test]
 fn a_daemon_with_all_the_clients_that_it_may_have_answers() {
-    let place = Place::new();
-    let serving = Serving::start(&place, "--max-clients 1", "default");
+    let sandbox = Sandbox::new();
+    let serving = Serving::start(&sandbox, "--max-clients 1", "default");
     let mut session = serving.session();
     session.frame(1).unwrap().submit().unwrap().wait().unwrap();
     for _ in 0..2 {
-        let report = place.run_line("status --json").json();
+        let report = sandbox.run_line("status --json").json();
         let instance = &report["instances"][0];
         assert_eq!(instance["state"], "alive", "{report}");
         assert_eq!(instance["daemon"]["clients"], 1, "{report}");
@@ -182,13 +184,13 @@ fn a_daemon_with_all_the_clients_that_it_may_have_answers() {
 /// A daemon without a status file, as earlier versions have none, is asked over the wire.
 #[test]
 fn a_daemon_without_a_status_file_is_asked() {
-    let place = Place::new();
+    let sandbox = Sandbox::new();
     let daemon = daemon();
     // A directory in the place of a new status file, so that none can be written.
     let new = daemon.dir().path().join("default.account.new");
     eventually("no status file can be written", || std::fs::create_dir(&new).ok());
     std::fs::remove_file(daemon.dir().path().join("default.account")).unwrap();
-    let report = status(&place, &daemon, "--json").json();
+    let report = status(&sandbox, &daemon, "--json").json();
     assert_eq!(report["instances"][0]["state"], "alive", "{report}");
     assert_eq!(report["instances"][0]["daemon"]["clients"], 0, "{report}");
 }

@@ -24,7 +24,7 @@ impl Program for Pairmaskd {
     const NAME: &str = "pairmaskd";
 }
 
-pub type Place = command_line::Place<Pairmaskd>;
+pub type Sandbox = command_line::Sandbox<Pairmaskd>;
 
 /// Waits for the end of a process, and kills it where it hangs.
 pub fn finish(child: Child) -> Finished {
@@ -37,8 +37,8 @@ pub fn daemon() -> PrivateDaemon {
     PrivateDaemon::start(PAIRMASKD.as_ref(), &settings).unwrap()
 }
 
-pub fn run_with(place: &Place, line: &str, variables: &[(&str, &str)]) -> Finished {
-    finish(place.line(line).envs(variables.iter().copied()).spawn().unwrap())
+pub fn run_with(sandbox: &Sandbox, line: &str, variables: &[(&str, &str)]) -> Finished {
+    finish(sandbox.line(line).envs(variables.iter().copied()).spawn().unwrap())
 }
 
 /// `serve` as a user starts it; killed when dropped.
@@ -49,9 +49,9 @@ pub struct Serving {
 
 impl Serving {
     /// Starts it with the words of a line, and waits until it serves the instance.
-    pub fn start(place: &Place, line: &str, instance: &str) -> Self {
-        let child = place.line(&format!("serve {line}")).spawn().unwrap();
-        Self::of(child, RuntimeDir::at(place.path()), instance)
+    pub fn start(sandbox: &Sandbox, line: &str, instance: &str) -> Self {
+        let child = sandbox.line(&format!("serve {line}")).spawn().unwrap();
+        Self::of(child, RuntimeDir::at(sandbox.path()), instance)
     }
 
     pub fn of(child: Child, dir: RuntimeDir, instance: &str) -> Self {

@@ -41,7 +41,7 @@ pub fn new_pairs(
     Ok(found)
 }
 
-/// Whether avian's query for a proxy tells the pair with another one. At most one of the two sides does, but where
+/// Whether avian's query for a proxy reports the pair with another one. At most one of the two sides does, but where
 /// sensors are involved: then the first one counts.
 fn asks(
     (key1, proxy1): (ColliderTreeProxyKey, &ColliderTreeProxy),

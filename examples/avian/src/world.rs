@@ -192,11 +192,11 @@ impl PairmaskWorld {
         has_moved: bool,
     ) {
         let index = index_of(key);
-        let place = index as usize;
-        if self.known.len() <= place {
-            self.known.resize(place + 1, None);
+        let position = index as usize;
+        if self.known.len() <= position {
+            self.known.resize(position + 1, None);
         }
-        let (before, now) = (self.known[place], known_of(key.tree_type(), proxy));
+        let (before, now) = (self.known[position], known_of(key.tree_type(), proxy));
         if before.is_none() || has_moved {
             let Some(b) = box_of(trees, key) else { return };
             self.changes.set.push(index);
@@ -207,7 +207,7 @@ impl PairmaskWorld {
             if now.is_static { to_static.push(index) } else { to_moving.push(index) }
         }
         self.known_count += usize::from(before.is_none());
-        self.known[place] = Some(now);
+        self.known[position] = Some(now);
     }
 
     /// Sends what was collected, and keeps the pairs of the answer.

@@ -123,13 +123,13 @@ fn run(app: &mut App, steps: usize) -> usize {
 }
 
 fn floor(app: &mut App) -> Entity {
-    let place = Transform::from_xyz(0.0, -0.5, 0.0);
-    app.world_mut().spawn((RigidBody::Static, Collider::cuboid(100.0, 1.0, 100.0), place)).id()
+    let box_at = Transform::from_xyz(0.0, -0.5, 0.0);
+    app.world_mut().spawn((RigidBody::Static, Collider::cuboid(100.0, 1.0, 100.0), box_at)).id()
 }
 
 fn cube(app: &mut App, x: f32, y: f32, z: f32) -> Entity {
-    let place = Transform::from_xyz(x, y, z);
-    app.world_mut().spawn((RigidBody::Dynamic, Collider::cuboid(1.0, 1.0, 1.0), place)).id()
+    let box_at = Transform::from_xyz(x, y, z);
+    app.world_mut().spawn((RigidBody::Dynamic, Collider::cuboid(1.0, 1.0, 1.0), box_at)).id()
 }
 
 fn stacks(app: &mut App) -> Vec<Entity> {
@@ -172,8 +172,8 @@ fn sensors_meet_static_bodies_and_moving_ones() {
     let mut app = comparing();
     floor(&mut app);
     stacks(&mut app);
-    let place = Transform::from_xyz(1.0, 0.5, 1.0);
-    let sensor = (RigidBody::Static, Collider::cuboid(3.0, 3.0, 3.0), place, Sensor);
+    let box_at = Transform::from_xyz(1.0, 0.5, 1.0);
+    let sensor = (RigidBody::Static, Collider::cuboid(3.0, 3.0, 3.0), box_at, Sensor);
     let sensor = app.world_mut().spawn(sensor).id();
     app.world_mut().spawn((Collider::cuboid(2.0, 2.0, 2.0), Transform::from_xyz(0.0, 1.0, 0.0)));
     app.world_mut().spawn((
@@ -195,8 +195,8 @@ fn bodies_come_and_go() {
     let mut cubes = stacks(&mut app);
     for round in 0..30_usize {
         run(&mut app, 6);
-        let gone = cubes.swap_remove(round * 7 % cubes.len());
-        app.world_mut().despawn(gone);
+        let ended = cubes.swap_remove(round * 7 % cubes.len());
+        app.world_mut().despawn(ended);
         cubes.push(cube(&mut app, (round % 4) as f32, 6.0, 1.0));
         let other = cubes[round * 5 % cubes.len()];
         let kind = if round % 2 == 0 { RigidBody::Kinematic } else { RigidBody::Dynamic };
@@ -228,12 +228,12 @@ fn joints_and_hooks_keep_bodies_apart() {
 #[should_panic(expected = "pairmask's")]
 fn a_pair_too_few_is_noticed() {
     let mut app = comparing();
-    let forget = |mut compared: ResMut<Compared>| {
+    let discard = |mut compared: ResMut<Compared>| {
         compared.expected.pop_first();
     };
     app.add_systems(
         PhysicsSchedule,
-        forget.after(expect).before(BroadPhaseSystems::CollectCollisions),
+        discard.after(expect).before(BroadPhaseSystems::CollectCollisions),
     );
     floor(&mut app);
     stacks(&mut app);

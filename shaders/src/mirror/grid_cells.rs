@@ -3,7 +3,7 @@
 use pairmask_core::aabb::{BoxClass, KeyBox};
 
 use super::grid_layout::{cell, coordinates, folded};
-use crate::constants::{NO_LEVEL, PARKED};
+use crate::constants::{NO_LEVEL, UNPLACED_A_CELL};
 use crate::layouts::GridLayout;
 
 /// Where a box belongs.
@@ -18,10 +18,11 @@ pub(super) struct Home {
 /// Home of each box.
 pub(super) fn homes(layout: &GridLayout, keys: &[(KeyBox, BoxClass)]) -> Vec<Home> {
     let levels = &layout.levels[..layout.level_count as usize];
-    let parked = |first: u32, index: u32, level| Home { cell: first + index / PARKED, level };
+    let disabled =
+        |first: u32, index: u32, level| Home { cell: first + index / UNPLACED_A_CELL, level };
     let home = |((key, class), index): (&(KeyBox, BoxClass), u32)| {
-        if *class != BoxClass::Solid {
-            return parked(layout.first_nothing, index, NO_LEVEL);
+        if *class != BoxClass::Valid {
+            return disabled(layout.first_nothing, index, NO_LEVEL);
         }
         let [min, max] = coordinates(key);
         for (level, number) in levels.iter().zip(0..) {
@@ -32,7 +33,7 @@ pub(super) fn homes(layout: &GridLayout, keys: &[(KeyBox, BoxClass)]) -> Vec<Hom
                 return Home { cell: level.first_cell + line * level.count[0] + x, level: number };
             }
         }
-        parked(layout.first_giant, index, layout.level_count)
+        disabled(layout.first_giant, index, layout.level_count)
     };
     keys.iter().zip(0..).map(home).collect()
 }

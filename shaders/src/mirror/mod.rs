@@ -1,8 +1,8 @@
 //! The grid's stages on the CPU: what each leaves behind, word for word. Slow and plain. The tests compare the GPU's
 //! reply with it, byte by byte.
 //!
-//! `grid_cells` and `grid_pairs` are files named like their shaders; `grid_scan` and `grid_place` are a few lines here.
-//! `grid_scatter` leaves the boxes of a cell in any order, which `grid_place` settles, and `grid_write` copies the words
+//! `grid_cells` and `grid_pairs` are files named like their shaders; `grid_scan` and `grid_slot` are a few lines here.
+//! `grid_scatter` leaves the boxes of a cell in any order, which `grid_slot` settles, and `grid_write` copies the words
 //! or pairs of `grid_pairs` as they are.
 
 mod grid_cells;
@@ -59,7 +59,7 @@ fn of_keys(
     for start in &mut starts {
         sum += std::mem::replace(start, sum);
     }
-    // `grid_place`: by cell, then by index.
+    // `grid_slot`: by cell, then by index.
     let mut order: Vec<u32> = (0..homes.len() as u32).collect();
     order.sort_by_key(|index| homes[*index as usize].cell);
     let mut mirrored = Mirrored { order, ..Mirrored::default() };

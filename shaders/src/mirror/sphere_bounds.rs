@@ -31,7 +31,7 @@ fn stepped(x: f32, steps: i32) -> i32 {
 /// The keys of the box around a sphere, and the sphere's class.
 pub fn classify(sphere: &Sphere) -> (KeyBox, BoxClass) {
     let class = sphere.class();
-    if class != BoxClass::Solid {
+    if class != BoxClass::Valid {
         return (KeyBox::NOTHING, class);
     }
     let numbers: [f32; 4] = (*sphere).into();

@@ -33,7 +33,7 @@ fn digit(mantissa: u32, up: u32, low: u32) -> i32 {
 
 /// Whether two spheres share a point.
 pub fn meet(a: &Sphere, b: &Sphere) -> bool {
-    if [a, b].iter().any(|sphere| sphere.class() != BoxClass::Solid) {
+    if [a, b].iter().any(|sphere| sphere.class() != BoxClass::Valid) {
         return false;
     }
     if a.radius.is_infinite() || b.radius.is_infinite() {

@@ -30,7 +30,7 @@
 //! sphere within 2^36, D and S are both within C²(1 ± 2^−23)² before rounding, and against another far one
 //! both are 4C²; D·L ≤ S and S·L ≤ D in both, for two and eight roundings are less than sixteen: near. What
 //! overlaps nothing is compared with a radius of −2^61, so that the reach is at most −2^60 with
-//! whatever else. Its square is given the sign of the reach, which makes it less than any D: apart.
+//! regardless of what else. Its square is given the sign of the reach, which makes it less than any D: apart.
 
 use pairmask_core::Sphere;
 
@@ -91,7 +91,7 @@ impl Arithmetic {
 
 /// A sphere as it is compared, in a row or in a column.
 fn compared(sphere: &Sphere, is_row: bool) -> [f32; 4] {
-    if sphere.class() != pairmask_core::BoxClass::Solid {
+    if sphere.class() != pairmask_core::BoxClass::Valid {
         return [0.0, 0.0, 0.0, NOTHING_RADIUS];
     }
     let numbers: [f32; 4] = (*sphere).into();

@@ -26,7 +26,7 @@ var<immediate> params: WriteParams;
 
 var<workgroup> earlier_sum: atomic<u32>;
 // Row in the batch << 24 | column block; bits.
-var<workgroup> window_places: array<u32, WINDOW_WORDS>;
+var<workgroup> window_slots: array<u32, WINDOW_WORDS>;
 var<workgroup> window_bits: array<u32, WINDOW_WORDS>;
 
 // The row at hand, its first strip, its words, and how many of the batch come before them.
@@ -36,7 +36,7 @@ var<private> own: u32;
 var<private> own_start: u32;
 
 // Numbers the words of the batch, and returns how many there are. All lanes call it. `earlier_sum` has
-// the items (`items_of`) of earlier batches afterwards, and the batch's report its totals.
+// the items (`entries_of`) of earlier batches afterwards, and the batch's report its totals.
 fn number_words(batch_in_band: u32, lane: u32) -> u32 {
     band_row = batch_in_band * BATCH_BOXES + lane;
     let row = params.row0 + band_row;
@@ -55,7 +55,7 @@ fn number_words(batch_in_band: u32, lane: u32) -> u32 {
     }
     var earlier = 0u;
     for (var i = lane; i < batch; i += BATCH_BOXES) {
-        earlier += items_of(totals[i]);
+        earlier += entries_of(totals[i]);
     }
 
     scan[lane] = own;
@@ -88,7 +88,7 @@ fn fill_window(lane: u32, window: u32) {
             mask &= mask - 1u;
             if (at >= window && at < window + WINDOW_WORDS) {
                 let band_block = band_strip * params.strip_blocks + bit;
-                window_places[at - window] = (lane << 24u) | (strip * params.strip_blocks + bit);
+                window_slots[at - window] = (lane << 24u) | (strip * params.strip_blocks + bit);
                 window_bits[at - window] = matrix[band_block * params.band_rows + band_row];
             }
             at++;
@@ -99,6 +99,6 @@ fn fill_window(lane: u32, window: u32) {
 // Row and column block of word `i` of the window.
 fn address_of(batch_in_band: u32, i: u32) -> vec2<u32> {
     let first_row = params.row0 + batch_in_band * BATCH_BOXES;
-    let place = window_places[i];
-    return vec2<u32>(first_row + (place >> 24u), place & 0xffffffu);
+    let slot = window_slots[i];
+    return vec2<u32>(first_row + (slot >> 24u), slot & 0xffffffu);
 }

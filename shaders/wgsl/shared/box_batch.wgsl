@@ -1,6 +1,6 @@
 // A batch of boxes as they lie in (shared) memory -> order-preserving keys, and the census.
 //
-// One workgroup a batch, one box a thread. Each word is read once, whatever a hostile writer does
+// One workgroup a batch, one box a thread. Each word is read once, regardless of what a hostile writer does
 // to it meanwhile. In which form the boxes are is the business of `box_form`, which stands for one
 // of boxes_f32, boxes_q16, boxes_q8 and boxes_f16: it has `box_bits`.
 // Mirror: `pairmask::aabb::KeyBox::classify` of what `pairmask::precision::NarrowBoxes::get` gives.

@@ -8,5 +8,5 @@ fn world_of(index: u32) -> u32 {
 
 // Its cell among those of boxes that lie there by their index.
 fn parking_of(index: u32) -> u32 {
-    return index / PARKED;
+    return index / UNPLACED_A_CELL;
 }

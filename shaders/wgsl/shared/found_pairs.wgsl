@@ -12,7 +12,7 @@ fn name_row(name: u32) {
 }
 
 // Items of a word.
-fn items_of(word_bits: u32) -> u32 {
+fn entries_of(word_bits: u32) -> u32 {
     return countOneBits(word_bits);
 }
 

@@ -1,5 +1,5 @@
 // The levels of a frame and the cell of a coordinate. Mirror: `mirror/grid_layout.rs`. That
-// overlapping boxes are in neighbouring cells whatever f32 rounds is proven in the daemon's `axis.rs`.
+// overlapping boxes are in neighbouring cells regardless of what f32 rounds is proven in the daemon's `axis.rs`.
 
 struct GridLevel {
     // Where cell 0 is centred.

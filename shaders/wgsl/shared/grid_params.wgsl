@@ -1,4 +1,4 @@
-// What every stage of the grid is told, and the words of the control block. Mirror: `layouts.rs`.
+// What every stage of the grid reads, and the words of the control block. Mirror: `layouts.rs`.
 
 struct GridParams {
     // Boxes.
@@ -23,7 +23,7 @@ struct GridParams {
 
 var<immediate> params: GridParams;
 
-// Words of the control block, at the same place whatever n is: the sums are zero between frames, the
+// Words of the control block, at the same place for any n: the sums are zero between frames, the
 // others are zeroed by `grid_cells`.
 const CURSOR: u32 = 0u;
 const WORK: u32 = 1u;
@@ -34,7 +34,7 @@ const SUMS: u32 = SUPERS + SUPERS_MOST;
 // invalid of its 256 boxes.
 struct GridTotals {
     // What its rows found: non-zero mask words, or pairs.
-    items: u32,
+    entries: u32,
     // Overlapping pairs.
     pairs: u32,
     // Pairs that were compared.

@@ -30,4 +30,4 @@ fn is_row_within_budget() -> bool {
 }
 
 // What the host learns of the row, which has so many items of its batch before it.
-fn note_row(items_before: u32) {}
+fn note_row(entries_before: u32) {}

@@ -7,7 +7,7 @@
 // together.
 @group(0) @binding(BEHIND) var<storage, read> rules: array<u32>;
 // For the first row of each world the world's rank and 1, and its batch's items before it; for other rows
-// 0. `grid_write` tells the host where each world's items begin.
+// 0. `grid_write` informs the host where each world's items begin.
 @group(0) @binding(BEHIND_THAT) var<storage, read_write> row_worlds: array<vec2<u32>>;
 
 var<private> row_owner: u32;
@@ -63,10 +63,10 @@ fn is_row_within_budget() -> bool {
 }
 
 // What the host learns of the row, which has so many items of its batch before it.
-fn note_row(items_before: u32) {
+fn note_row(entries_before: u32) {
     if (grid.worlds.count > 1u && row < params.n) {
         let is_first = row == table[row_world];
         let world = select(0u, (row_mark >> RANK_SHIFT) + 1u, is_first);
-        row_worlds[row] = vec2<u32>(world, items_before);
+        row_worlds[row] = vec2<u32>(world, entries_before);
     }
 }

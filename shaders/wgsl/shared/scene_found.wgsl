@@ -1,4 +1,4 @@
-// What the searches of a scene's grid have in common: pairs that are told, tests that are counted, and what the
+// What the searches of a scene's grid have in common: pairs that are reported, tests that are counted, and what the
 // host learns, which the last workgroup to end writes down.
 
 #import constants
@@ -30,15 +30,15 @@ struct SceneSummary {
 @group(0) @binding(3) var<storage, read> sorted: array<vec4<i32>>;
 // Bindings 4 and 5 are others in each stage.
 @group(0) @binding(6) var<storage, read_write> control: array<atomic<u32>>;
-// Pairs as the stage tells them.
+// Pairs as the stage reports them.
 @group(0) @binding(7) var<storage, read_write> found: array<vec2<u32>>;
 @group(0) @binding(8) var<storage, read_write> summary: SceneSummary;
 
 // Levels that have entries.
 var<workgroup> used_levels: atomic<u32>;
-// Pairs to be told.
+// Pairs to be reported.
 var<workgroup> window: array<vec2<u32>, 2u * BATCH_BOXES>;
-var<workgroup> told: atomic<u32>;
+var<workgroup> reported: atomic<u32>;
 var<workgroup> window_base: u32;
 var<workgroup> tested_low: atomic<u32>;
 var<workgroup> tested_high: atomic<u32>;
@@ -47,14 +47,14 @@ var<workgroup> is_too_much: u32;
 var<workgroup> is_last: u32;
 
 // Rounds of loops that the row at hand is charged. They follow from the scene and its grid alone, whichever thread
-// takes the row and whatever order the entries of a cell have.
+// takes the row, and in any order of the entries of a cell.
 var<private> rounds: u32;
 
 // What all lanes do first. It ends with a barrier.
 fn begin_search(lane: u32) {
     if (lane == 0u) {
         atomicStore(&used_levels, 0u);
-        atomicStore(&told, 0u);
+        atomicStore(&reported, 0u);
         atomicStore(&tested_low, 0u);
         atomicStore(&tested_high, 0u);
         is_too_much = select(0u, 1u, atomicLoad(&control[ENTRIES]) > params.entry_capacity);
@@ -78,16 +78,16 @@ fn add_wide(word: u32, more: u32) -> u32 {
     return before;
 }
 
-// Takes a pair down that the host is told.
-fn tell(pair: vec2<u32>) {
-    let at = atomicAdd(&told, 1u);
+// Takes a pair down that the host reads.
+fn report(pair: vec2<u32>) {
+    let at = atomicAdd(&reported, 1u);
     if (at < 2u * BATCH_BOXES) {
         window[at] = pair;
         return;
     }
-    let place = add_wide(FOUND, 1u);
-    if (place < params.pair_capacity) {
-        found[place] = pair;
+    let slot = add_wide(FOUND, 1u);
+    if (slot < params.pair_capacity) {
+        found[slot] = pair;
     }
 }
 
@@ -114,9 +114,9 @@ fn note_rounds() {
     }
 }
 
-// What was told goes out, and tests are counted for the budget. All lanes call it, after a barrier.
+// What was reported goes out, and tests are counted for the budget. All lanes call it, after a barrier.
 fn hand_out(lane: u32) {
-    let all = min(atomicLoad(&told), 2u * BATCH_BOXES);
+    let all = min(atomicLoad(&reported), 2u * BATCH_BOXES);
     if (lane == 0u) {
         let low = atomicLoad(&tested_low);
         if (low != 0u) {
@@ -134,14 +134,14 @@ fn hand_out(lane: u32) {
     }
     workgroupBarrier();
     for (var i = lane; i < all; i += BATCH_BOXES) {
-        let place = window_base + i;
-        if (place >= window_base && place < params.pair_capacity) {
-            found[place] = window[i];
+        let slot = window_base + i;
+        if (slot >= window_base && slot < params.pair_capacity) {
+            found[slot] = window[i];
         }
     }
     workgroupBarrier();
     if (lane == 0u) {
-        atomicStore(&told, 0u);
+        atomicStore(&reported, 0u);
     }
 }
 

@@ -1,4 +1,4 @@
-// What every stage of a scene is told, and the words of its control block. Mirror: `layouts.rs`.
+// What every stage of a scene reads, and the words of its control block. Mirror: `layouts.rs`.
 
 struct SceneParams {
     // Indices that have a record.

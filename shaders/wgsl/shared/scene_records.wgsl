@@ -5,8 +5,8 @@
 
 // The index has a box.
 const PRESENT: u32 = 1u;
-// It is switched off.
-const OFF: u32 = 2u;
+// It is disabled.
+const DISABLED: u32 = 2u;
 // It is still: static, and no rule makes an exception of it.
 const STATIC: u32 = 4u;
 // A box of this index was removed in the history of the record, or its filter data have changed.
@@ -30,7 +30,7 @@ struct SceneBox {
 fn colliding(a: vec4<i32>, b: vec4<i32>) -> SceneBox {
     let flags = bitcast<u32>(b.w);
     var found = SceneBox(a.xyz, vec3<i32>(a.w, b.xy), (flags & STATIC) != 0u);
-    if ((flags & (PRESENT | OFF)) != PRESENT) {
+    if ((flags & (PRESENT | DISABLED)) != PRESENT) {
         found.lo = vec3<i32>(NOTHING_MIN);
         found.hi = vec3<i32>(NOTHING_MAX);
     }

@@ -1,5 +1,5 @@
 // A search of a scene: entries against later entries around them, rows against all entries around them. A
-// stage decides which of the candidates are told: `may_be_told` by the names of two boxes that overlap,
+// stage decides which of the candidates are reported: `may_be_reported` by the names of two boxes that overlap,
 // `decide` by what else it knows; and whether entries look at entries at all (`entries_look`).
 //
 // One row a thread. Rows beside the grid pass the filter first, four a thread, and those that do are
@@ -37,7 +37,7 @@ var<private> tested: u32;
 // Tests the row against the positions start .. end. It is charged those from `charged` on: an entry that looks at
 // those behind it, in a cell whose entries have any order, is charged the cell.
 fn test_run(start: u32, charged: u32, table_end: u32) {
-    // Whatever the table holds, a run ends.
+    // Regardless of what the table holds, a run ends.
     let end = min(table_end, params.entry_capacity);
     tested += max(end, start) - start;
     if (!may_take_rounds(max(end, charged) - min(charged, end))) {
@@ -47,7 +47,7 @@ fn test_run(start: u32, charged: u32, table_end: u32) {
         let a = sorted[2u * p];
         if (all(a.xyz <= row_hi) & (row_lo.x <= a.w)) {
             let b = sorted[2u * p + 1u];
-            if (all(row_lo.yz <= b.xy) && may_be_told(row_name, bitcast<u32>(b.z))) {
+            if (all(row_lo.yz <= b.xy) && may_be_reported(row_name, bitcast<u32>(b.z))) {
                 let at = atomicAdd(&candidate_count, 1u);
                 if (at < CANDIDATES) {
                     candidates[at] = vec2<u32>(row_name, bitcast<u32>(b.z));
@@ -208,7 +208,7 @@ fn queue_entries(first: u32, lane: u32, entry_count: u32) {
     let b = sorted[2u * at + 1u];
     let level = bitcast<u32>(b.w);
     // As `scene_cells` has it.
-    var cell = grid.first_giant + (bitcast<u32>(b.z) & INDEX_MASK) / PARKED;
+    var cell = grid.first_giant + (bitcast<u32>(b.z) & INDEX_MASK) / UNPLACED_A_CELL;
     if (level < grid.level_count) {
         cell = cell_at(grid.levels[level], cells_of(grid.levels[level], plain3(a.xyz)));
     }

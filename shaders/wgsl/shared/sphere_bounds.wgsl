@@ -17,7 +17,7 @@ fn stepped(bits: vec3<u32>, steps: i32) -> vec3<u32> {
     ));
 }
 
-// Bits of the min and the max corner of a solid sphere's box.
+// Bits of the min and the max corner of a valid sphere's box.
 fn sphere_bounds(sphere: vec4<u32>) -> array<vec3<u32>, 2> {
     let sizes = sphere & vec4<u32>(MAGNITUDE_BITS);
     if (max(max(sizes.x, sizes.y), max(sizes.z, sizes.w)) >= BOUNDED_BITS) {

@@ -4,7 +4,7 @@
 
 const DIGIT_BITS: u32 = 11u;
 const DIGIT: u32 = 2047u;
-// Digits of the difference of two f32, whatever they are.
+// Digits of the difference of two f32, regardless of what they are.
 const MOST_DIGITS: u32 = 26u;
 
 // Magnitude in units of 2^(shift - 149).

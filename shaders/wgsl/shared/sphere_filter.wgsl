@@ -5,7 +5,7 @@
 
 // 2^36: up to here numbers are compared as they are.
 const SAFE_BITS: u32 = 0x51800000u;
-// 2^60: centre and radius of what has a larger one, so that it is near to all that is solid. Columns
+// 2^60: centre and radius of what has a larger one, so that it is near to all that is valid. Columns
 // have the centre at +2^60, rows at -2^60.
 const FAR_BITS: u32 = 0x5d800000u;
 // -2^61: the radius of what overlaps nothing.

@@ -1,4 +1,4 @@
 // Where the items of each world begin, in a frame without rules: nothing is said. The other form is
 // `written_worlds_ruled`.
 
-fn tell_worlds(row: u32, first_item: u32) {}
+fn report_worlds(row: u32, first_entry: u32) {}

@@ -30,14 +30,14 @@ fn known() -> Vec<(&'static str, Recipe)> {
     let uniform = Recipe::UNIFORM;
     let flung = |flung_share, flung| Recipe { flung_share, flung, ..uniform };
     let long = |long_share, aspect, turns| Recipe { long_share, aspect, turns, ..uniform };
-    let places = |places, apart| Recipe { places, apart, ..uniform };
+    let slots = |slots, apart| Recipe { slots, apart, ..uniform };
     vec![
         ("uniform", uniform),
         ("a finite giant", Recipe { has_giant: true, ..uniform }),
         ("2 % flung to 1e6", flung(0.02, 1e6)),
         ("2 % flung to 1e30", flung(0.02, 1e30)),
-        ("200 places over 1e7", places(200, 1e7)),
-        ("1,000 places over 1e9", places(1_000, 1e9)),
+        ("200 places over 1e7", slots(200, 1e7)),
+        ("1,000 places over 1e9", slots(1_000, 1e9)),
         (
             "woven",
             Recipe { has_layers: true, axes: 2, density: 0.01, ..long(1.0, [1e4, 0.1, 0.1], 2) },
@@ -140,7 +140,7 @@ fn measure(
             let Ok(answer) = engines.cull(&boxes, &options, &mut reply) else { return Ok(None) };
             let mask = MaskView::new(count, &answer.report.shape, reply.words());
             tally = Tally::default();
-            mask.map_err(|e| e.to_string())?.for_each(|a, b| tally.visit(a, b));
+            mask.map_err(|e| e.to_string())?.for_each(|a, b| tally.iterate(a, b));
             ours.push(start.elapsed().as_nanos() as u64);
             engine = answer.engine;
             options.last_pairs = Some(tally.count);

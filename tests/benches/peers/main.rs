@@ -1,7 +1,7 @@
 //! The daemon and the in-process engines against other broad phases; see `--help`.
 
 mod cliffs;
-mod lanes;
+mod entrants;
 mod measure;
 mod options;
 mod ours;
@@ -54,8 +54,8 @@ fn run(options: &Options) -> Result<Vec<Comparison>, Box<dyn Error>> {
     for &name in &options.scene.0 {
         for &n in &options.n {
             let scene = Scene::new(name, n, options.seed);
-            let lanes = lanes::lanes(scene.boxes(), &daemon, options)?;
-            let comparison = measure::measure(name, scene, lanes, options)?;
+            let entrants = entrants::entrants(scene.boxes(), &daemon, options)?;
+            let comparison = measure::measure(name, scene, entrants, options)?;
             if is_text {
                 print!("{}", report::text(&comparison));
             } else if options.json {

@@ -20,9 +20,9 @@ const TURNS_BETWEEN_CHECKS: usize = 10;
 
 /// A peer that has run for this long in all is left out of the other turns: on some scenes one peer
 /// takes seconds a frame where others take milliseconds.
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
-pub struct Lane {
+pub struct Entrant {
     pub who: Who,
     pub threads: usize,
     pub contender: Box<dyn Contender>,
@@ -41,14 +41,14 @@ struct Turn {
     pairs: Option<Vec<Pair>>,
 }
 
-impl Lane {
+impl Entrant {
     pub fn new(who: Who, threads: usize, contender: Box<dyn Contender>, pool: ThreadPool) -> Self {
         let (frame_ns, write_ns, spent) = (Vec::new(), Vec::new(), Duration::ZERO);
         Self { who, threads, contender, pool, frame_ns, write_ns, fault: None, spent }
     }
 
     fn turn(&mut self, frames: &[Vec<Aabb>], with_pairs: bool) -> Result<Turn, ContenderError> {
-        let left = PATIENCE.saturating_sub(self.spent);
+        let left = TIMEOUT.saturating_sub(self.spent);
         let is_peer = matches!(self.who, Who::Peer(_));
         let contender = &mut self.contender;
         let run = || {
@@ -81,7 +81,7 @@ impl Lane {
     }
 
     fn is_given_up(&self) -> bool {
-        matches!(self.who, Who::Peer(_)) && self.spent > PATIENCE
+        matches!(self.who, Who::Peer(_)) && self.spent > TIMEOUT
     }
 
     fn note(&mut self, fault: impl FnOnce() -> String) {
@@ -116,7 +116,7 @@ impl Lane {
 pub fn measure(
     name: SceneName,
     mut scene: Scene,
-    mut lanes: Vec<Lane>,
+    mut entrants: Vec<Entrant>,
     options: &Options,
 ) -> Result<Comparison, Box<dyn std::error::Error>> {
     let n = scene.boxes().len();
@@ -132,37 +132,42 @@ pub fn measure(
         }
         let with_pairs = turn % TURNS_BETWEEN_CHECKS == 0 || turn + 1 == turns;
         let truth = if with_pairs { Some(reference(scene.boxes())?) } else { None };
-        let mut tallies = vec![Vec::new(); lanes.len()];
-        for place in 0..lanes.len() {
-            let index = (turn + place) % lanes.len();
-            let Some(lane) = lanes.get_mut(index).filter(|lane| !lane.is_given_up()) else {
+        let mut tallies = vec![Vec::new(); entrants.len()];
+        for slot in 0..entrants.len() {
+            let index = (turn + slot) % entrants.len();
+            let Some(entrant) = entrants.get_mut(index).filter(|entrant| !entrant.is_given_up())
+            else {
                 continue;
             };
-            let result = lane.turn(&frames, with_pairs)?;
+            let result = entrant.turn(&frames, with_pairs)?;
             let uncounted = usize::from(result.frame_ns.len() > 1);
-            lane.frame_ns.extend_from_slice(result.frame_ns.get(uncounted..).unwrap_or_default());
-            lane.write_ns.extend_from_slice(result.write_ns.get(uncounted..).unwrap_or_default());
+            entrant
+                .frame_ns
+                .extend_from_slice(result.frame_ns.get(uncounted..).unwrap_or_default());
+            entrant
+                .write_ns
+                .extend_from_slice(result.write_ns.get(uncounted..).unwrap_or_default());
             tallies[index] = result.tallies;
             if let (Some(truth), Some(found)) = (&truth, result.pairs)
                 && let Err(difference) = check_pairs(&sorted(found), truth)
             {
-                lane.note(|| format!("turn {turn}: {difference}"));
+                entrant.note(|| format!("turn {turn}: {difference}"));
             }
         }
         // Between the turns whose sets are compared, tallies are compared with those of our first
         // lane, whose sets equal the reference.
-        for (lane, found) in lanes.iter_mut().zip(&tallies) {
+        for (entrant, found) in entrants.iter_mut().zip(&tallies) {
             // Fewer tallies where a peer was given up.
             let ours = tallies.first().and_then(|ours| ours.get(..found.len()));
             if ours != Some(found) {
-                lane.note(|| format!("turn {turn}: other pairs than ours were visited"));
+                entrant.note(|| format!("turn {turn}: other pairs than ours were iterated over"));
             }
         }
         if let Some(truth) = &truth {
             pairs = truth.len() as u64;
         }
     }
-    let lines = lanes.into_iter().map(Lane::line).collect();
+    let lines = entrants.into_iter().map(Entrant::line).collect();
     Ok(Comparison { scene: name, n, pairs, lines })
 }
 

@@ -16,9 +16,9 @@ use pairmaskd::scene::SceneName;
 /// of which is not counted (the others' turns have emptied the caches), and the order rotates.
 /// Boxes move 2 % of their size a frame.
 ///
-/// Time of a frame: from the user's boxes to all pairs visited. For us: write the boxes into the
+/// Time of a frame: from the user's boxes to all pairs iterated over. For us: write the boxes into the
 /// session's memory (also a column of its own), submit, wait, decode. For the others: update from the
-/// boxes, then visit every pair. Visiting counts and sums. Sets of pairs are compared by themselves,
+/// boxes, then iterate over every pair. Visiting counts and sums. Sets of pairs are compared by themselves,
 /// untimed.
 #[derive(Debug, Parser)]
 #[command(

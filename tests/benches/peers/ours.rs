@@ -46,14 +46,14 @@ impl Contender for Ours {
         let frame = self.written.take().ok_or_else(|| failed("no boxes were written"))?;
         let mask = frame.submit().map_err(failed)?.wait().map_err(failed)?;
         let tally = if self.threads > 1 && mask.count() >= PARALLEL_PAIRS {
-            let visited = |mut tally: Tally, [a, b]: [u32; 2]| {
-                tally.visit(a, b);
+            let iterated = |mut tally: Tally, [a, b]: [u32; 2]| {
+                tally.iterate(a, b);
                 tally
             };
-            mask.par_pairs().fold(Tally::default, visited).reduce(Tally::default, Tally::plus)
+            mask.par_pairs().fold(Tally::default, iterated).reduce(Tally::default, Tally::plus)
         } else {
             let mut tally = Tally::default();
-            mask.for_each_slice(|pairs| pairs.iter().for_each(|&[a, b]| tally.visit(a, b)));
+            mask.for_each_slice(|pairs| pairs.iter().for_each(|&[a, b]| tally.iterate(a, b)));
             tally
         };
         self.mask = Some(mask);

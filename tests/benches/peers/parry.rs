@@ -74,7 +74,7 @@ impl Contender for Parry {
             let tally = |pairs: &[(u32, u32)]| {
                 let mut tally = Tally::default();
                 for (a, b) in pairs {
-                    tally.visit(*a, *b);
+                    tally.iterate(*a, *b);
                 }
                 tally
             };
@@ -82,7 +82,7 @@ impl Contender for Parry {
         } else {
             let mut tally = Tally::default();
             self.tree.traverse_bvtt_single_tree::<false>(&mut self.workspace, &mut |a, b| {
-                tally.visit(a, b);
+                tally.iterate(a, b);
             });
             Ok(tally)
         }

@@ -1,14 +1,14 @@
-//! Scenes that persist beside whole frames and other broad phases: what an edit and its changes cost, by how
+//! Persistent scenes beside whole frames and other broad phases: what an edit and its changes cost, by how
 //! much moves.
 //!
 //! Scene and peers make the same changes, in turns. In process they have the threads of this machine: a pool
 //! of which the calling thread is one, so that small edits do not wait for another to wake. `daemon` asks the
 //! instance of the environment, which is to be started first. Write: the arrays of indices and boxes in, the
-//! edit sent (in process: answered too); round trip: until the answer is there; visit: every change read,
+//! edit sent (in process: answered too); round trip: until the answer is there; iterate over: every change read,
 //! and the answer taken; total: all of it. At a rate, frames of the scene are due at equal intervals, total
 //! counts from when one was due, and the peers follow at the same pace, one after the other.
 //!
-//! The peer `whole-frame` is a frame of the same session, written, answered, and every pair of it visited.
+//! The peer `whole-frame` is a frame of the same session, written, answered, and every pair of it iterated over.
 //! Others (feature `peers`) are given the boxes that moved, and keep their list of pairs: `rapier`'s broad
 //! phase and `parry`'s tree where it changed (both of pairs of boxes that grow by a margin), and
 //! `parry-queries`, where each box that moved asks the tree. A ratio below 1 is in favour of the scene.
@@ -27,7 +27,7 @@ use pairmask::Scene;
 use pairmask_core::engine::EngineId;
 use pairmask_core::scene::Indices;
 use pairmask_lab::study::moving::{Motion, World};
-use pairmask_tests::measure::{Pace, percentile, visit};
+use pairmask_tests::measure::{Pace, iterate, percentile};
 use pairmask_tests::prelude::*;
 use pairmask_transport::RuntimeDir;
 use pairmask_wire::InstanceName;
@@ -43,7 +43,7 @@ const WARM_UP: u32 = 3;
 const PERCENTS: &[f64] = &[0.0, 0.01, 0.1, 1.0, 10.0, 50.0, 100.0];
 const SPAWN_PERCENTS: &[f64] = &[1.0];
 
-/// Scenes that persist beside whole frames and other broad phases.
+/// Persistent scenes beside whole frames and other broad phases.
 #[derive(Parser)]
 #[command(name = "skip")]
 struct Options {
@@ -83,7 +83,7 @@ impl Options {
     }
 }
 
-/// An edit of a scene, its changes visited and taken: write, round trip and visit, ns; how many changes, and
+/// An edit of a scene, its changes iterated over and taken: write, round trip and iteration, ns; how many changes, and
 /// what answered.
 fn edit(
     scene: &mut Scene,
@@ -102,8 +102,8 @@ fn edit(
     let write = begin.elapsed().as_nanos() as u64;
     let answer = pending.wait()?;
     let answered = begin.elapsed().as_nanos() as u64;
-    visit(|each| answer.begun().for_each_slice(each));
-    visit(|each| answer.pairs().for_each_slice(each));
+    iterate(|each| answer.begun().for_each_slice(each));
+    iterate(|each| answer.pairs().for_each_slice(each));
     black_box(answer.ended().fold(0, |sum, e| sum + u64::from(e.pair[0] ^ e.pair[1])));
     let times = [write, answered - write, begin.elapsed().as_nanos() as u64 - answered];
     Ok((times, answer.begun().len() + answer.ended().count(), answer.engine()))
@@ -197,14 +197,14 @@ impl<'s> Bench<'s> {
                 }
             }
         }
-        for (place, world) in behind.iter_mut().enumerate() {
+        for (slot, world) in behind.iter_mut().enumerate() {
             let pace = Pace::from_now(rate);
             for frame in 0..frames + WARM_UP {
                 let (indices, _) = world.step(count, motion);
                 let due = pace.wait(frame);
-                self.peers[place].1.change(self.session, world.boxes(), &indices)?;
+                self.peers[slot].1.change(self.session, world.boxes(), &indices)?;
                 if frame >= WARM_UP {
-                    peer_times[place].push(due.elapsed().as_nanos() as u64);
+                    peer_times[slot].push(due.elapsed().as_nanos() as u64);
                 }
             }
         }
@@ -225,7 +225,7 @@ impl<'s> Bench<'s> {
         Ok(())
     }
 
-    fn kept_bytes(&self) -> f64 {
+    fn held_bytes(&self) -> f64 {
         match self.scene.daemon_bytes() {
             0 => self.scene.allocated_bytes() as f64,
             bytes => bytes as f64,
@@ -245,9 +245,9 @@ impl<'s> Bench<'s> {
         self.check()?;
         let Taken { times, cpu_ns, changes, engine, peers } = taken;
         let engine = engine.to_string();
-        let [write, round_trip, visit, total] = times.each_ref().map(|t| percentile(t, 0.5));
+        let [write, round_trip, iterate, total] = times.each_ref().map(|t| percentile(t, 0.5));
         let us = |ns: u64| ns as f64 / 1e3;
-        let bytes_a_box = self.kept_bytes() / n as f64;
+        let bytes_a_box = self.held_bytes() / n as f64;
         let of_peer = |((name, _), took): (&(PeerName, Box<dyn Peer>), &Vec<u64>)| {
             let peer = name.to_possible_value();
             let peer = peer.as_ref().map_or("", |value| value.get_name());
@@ -257,7 +257,7 @@ impl<'s> Bench<'s> {
             let json = json!({
                 "scene": scene.as_str(), "n": n, "moving": percent / 100.0, "motion": motion.name(),
                 "backend": backend.to_string(), "engine": engine, "write_ns": write,
-                "round_trip_ns": round_trip, "visit_ns": visit, "total_ns": total, "cpu_ns": cpu_ns,
+                "round_trip_ns": round_trip, "iterate_ns": iterate, "total_ns": total, "cpu_ns": cpu_ns,
                 "peer": peer, "peer_ns": peer_ns, "ratio": ratio,
             });
             let line = format!(
@@ -266,7 +266,7 @@ impl<'s> Bench<'s> {
                 backend.to_string(),
                 us(write),
                 us(round_trip),
-                us(visit),
+                us(iterate),
                 us(total),
                 us(percentile(&times[3], 0.99)),
                 us(cpu_ns),
@@ -278,7 +278,7 @@ impl<'s> Bench<'s> {
     }
 }
 
-const HEAD: &str = "    scene         n   moving    motion    backend     engine  write µs     answer     visit      total        p99    cpu µs          peer    peer µs   ratio   changes  bytes";
+const HEAD: &str = "    scene         n   moving    motion    backend     engine  write µs     answer     iterate over      total        p99    cpu µs          peer    peer µs   ratio   changes  bytes";
 
 fn main() -> Result<(), Box<dyn Error>> {
     let options = Options::parse();

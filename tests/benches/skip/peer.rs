@@ -3,7 +3,7 @@
 use std::error::Error;
 
 use pairmask::{Aabb, Session};
-use pairmask_tests::measure::visit;
+use pairmask_tests::measure::iterate;
 #[cfg(feature = "peers")]
 use pairmask_tests::peers::parry_scene::ParryWay;
 
@@ -23,7 +23,7 @@ pub enum PeerName {
 type Done = Result<(), Box<dyn Error>>;
 
 pub trait Peer {
-    /// Makes the same change: boxes that moved are given, and what it tells is kept or visited.
+    /// Makes the same change: boxes that moved are given, and what it reports is kept or iterated over.
     fn change(&mut self, session: &mut Session, boxes: &[Aabb], moved: &[u32]) -> Done;
 
     /// How many pairs it keeps, if it keeps them.
@@ -102,10 +102,10 @@ mod others {
     }
 }
 
-/// A whole frame, every pair visited: how many.
+/// A whole frame, every pair iterated over: how many.
 pub fn whole_frame(session: &mut Session, boxes: &[Aabb]) -> Result<u64, Box<dyn Error>> {
     let mut frame = session.frame(boxes.len())?;
     frame.boxes_mut().copy_from_slice(boxes);
     let mask = frame.submit()?.wait()?;
-    Ok(visit(|each| mask.for_each_slice(each)))
+    Ok(iterate(|each| mask.for_each_slice(each)))
 }

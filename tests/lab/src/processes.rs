@@ -1,4 +1,4 @@
-//! Client processes: each says lines of JSON, may be told to begin, and ends when its stdin is closed.
+//! Client processes: each says lines of JSON, may be asked to begin, and ends when its stdin is closed.
 
 use std::io::{self, BufRead, BufReader, Write};
 use std::path::PathBuf;
@@ -41,12 +41,12 @@ impl Daemon {
         Session::builder().runtime_dir(RuntimeDir::at(&self.dir)).instance(&self.instance).isa(isa)
     }
 
-    /// Starts a client process. `hear` gets each of its lines, and `None` after the last: half a line is the last one
+    /// Starts a client process. `receive` gets each of its lines, and `None` after the last: half a line is the last one
     /// of a killed process.
     pub(crate) fn start<T: DeserializeOwned>(
         &self,
         work: &Work,
-        mut hear: impl FnMut(Option<T>) + Send + 'static,
+        mut receive: impl FnMut(Option<T>) + Send + 'static,
     ) -> io::Result<Worker> {
         let mut command = Command::new(std::env::current_exe()?);
         command.args(["client", &serde_json::to_string(&(self, work))?]);
@@ -56,8 +56,8 @@ impl Daemon {
         let listen = move || {
             let lines = said.into_iter().flat_map(|said| BufReader::new(said).lines());
             let parsed = lines.map_while(|line| serde_json::from_str(&line.ok()?).ok());
-            parsed.for_each(|said| hear(Some(said)));
-            hear(None);
+            parsed.for_each(|said| receive(Some(said)));
+            receive(None);
         };
         std::thread::Builder::new().name("listener".into()).spawn(listen)?;
         Ok(worker)
@@ -91,7 +91,7 @@ pub(crate) struct Worker {
 }
 
 impl Worker {
-    /// Tells the process to begin. One that has died is noticed by what it does not say.
+    /// Asks the process to begin. One that has died is noticed by what it does not say.
     pub(crate) fn begin(&mut self) {
         if let Some(orders) = &mut self.orders {
             let _ = orders.write_all(b"begin\n");

@@ -44,10 +44,10 @@ pub enum Sabotage {
     Inward,
 }
 
-/// A box whose faces lie one step of f32 further inward, where it stays solid.
+/// A box whose faces lie one step of f32 further inward, where it stays valid.
 pub fn shrink(b: &Aabb) -> Aabb {
     let smaller = Aabb { min: b.min.map(f32::next_up), max: b.max.map(f32::next_down) };
-    if smaller.class() == BoxClass::Solid { smaller } else { *b }
+    if smaller.class() == BoxClass::Valid { smaller } else { *b }
 }
 
 pub struct Spoiler<S> {

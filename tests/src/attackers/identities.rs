@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use pairmask_core::Aabb;
 use pairmask_core::units::BoxCount;
-use pairmask_wire::{REQUEST_MAGIC, RequestHeader, items_in_mut};
+use pairmask_wire::{REQUEST_MAGIC, RequestHeader, entries_in_mut};
 
 use super::raw::{
     CHANNEL_ID, CLIENT_ID, REQUEST_ID, RawClient, SENT_BYTES, read, segment_file, word, write,
@@ -48,7 +48,7 @@ pub fn attack(until: &Until, tally: &mut Tally) {
             }
             last = seen.header.frame;
             let Some(mut loan) = client.loan(PAGES) else { break };
-            if let Some(boxes) = items_in_mut(loan.payload_mut(), BoxCount::new(BOXES)) {
+            if let Some(boxes) = entries_in_mut(loan.payload_mut(), BoxCount::new(BOXES)) {
                 boxes.fill(Aabb::EMPTY);
             }
             *loan.user_header_mut() = seen.header;

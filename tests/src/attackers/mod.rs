@@ -131,14 +131,14 @@ impl Forging {
         for _ in 0..dice.below(3) {
             let words: &mut [u32] = cast_slice_mut(bytemuck::bytes_of_mut(header));
             // Behind magic, version and operation, and the token.
-            let place = 8 + dice.below(words.len() as u64 - 8) as usize;
-            words[place] = some(dice);
+            let slot = 8 + dice.below(words.len() as u64 - 8) as usize;
+            words[slot] = some(dice);
         }
         let words: &mut [u32] = cast_slice_mut(payload);
         for _ in 0..dice.below(self.payload_words + 1) {
             // Most of what is read lies in the first pages.
-            let place = dice.below((words.len() as u64).min(4 * 1024)) as usize;
-            words[place] = some(dice);
+            let slot = dice.below((words.len() as u64).min(4 * 1024)) as usize;
+            words[slot] = some(dice);
         }
     }
 }
@@ -252,7 +252,7 @@ fn repeat_in_children(mode: &str, until: &Until, tally: &mut Tally) -> Result<()
             .spawn()?;
         let started = Instant::now();
         while child.try_wait()?.is_none() {
-            if started.elapsed() > CHILD_PATIENCE {
+            if started.elapsed() > CHILD_TIMEOUT {
                 child.kill()?;
                 count(tally, "killed");
             }
@@ -270,7 +270,7 @@ fn repeat_in_children(mode: &str, until: &Until, tally: &mut Tally) -> Result<()
 }
 
 /// A child that runs longer hangs in memory that it broke itself; a round takes a tenth of this.
-const CHILD_PATIENCE: Duration = Duration::from_secs(2);
+const CHILD_TIMEOUT: Duration = Duration::from_secs(2);
 
 fn count(tally: &mut Tally, name: &str) {
     *tally.entry(name.to_owned()).or_default() += 1;

@@ -71,7 +71,7 @@ pub fn scribble(tally: &mut Tally) {
             2 => 1 << 40,
             _ => dice.below(u64::MAX),
         };
-        // The file may be gone; the write may then fail.
+        // The file may no longer exist; the write may then fail.
         let _ = file.write_all_at(&value.to_ne_bytes(), 8 * dice.below(words));
         count(tally, "words");
         let _ = client.ports.notifier.notify();

@@ -4,12 +4,13 @@
 use std::time::Duration;
 
 use bytemuck::{cast_slice, cast_slice_mut};
-use pairmask_core::filters::Tag;
+use pairmask_core::filters::FilterData;
 use pairmask_core::precision::BoxForm;
-use pairmask_core::scene::{Edit, QueryMask, QueryTags, Report, Sets, Step};
+use pairmask_core::scene::{Edit, QueryFilterData, QueryMask, Report, Sets, Step};
 use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmask_wire::{
-    CullRequest, EditLayout, Page, QueryRequest, RequestHeader, SceneId, ScenePlace, SceneRequest,
+    CullRequest, EditLayout, Page, QueryRequest, RequestHeader, SceneId, SceneRequest,
+    SceneSections,
 };
 use pairmaskd::scene::Random;
 
@@ -51,21 +52,21 @@ fn request(dice: &mut Random, frame: u64, revision: u64, payload: &mut [Page]) -
         let bytes: &mut [u8] = cast_slice_mut(payload);
         let boxes = boxes(dice, BOXES);
         bytes[..24 * boxes.len()].copy_from_slice(cast_slice(&boxes));
-        let scene = ScenePlace::first(BoxForm::F32, n);
+        let scene = SceneSections::first(BoxForm::F32, n);
         let first_set = Some(BoxCount::new(count));
         let request = CullRequest { first_set, ..CullRequest::of(scene) };
         return RequestHeader::cull(FORGING.token, frame, &request);
     }
-    let tags = vec![Tag::default(); count as usize];
-    let tags = match dice.below(3) {
-        0 => QueryTags::None,
-        1 => QueryTags::One(Tag::default()),
-        _ => QueryTags::Each(&tags),
+    let filter_data = vec![FilterData::default(); count as usize];
+    let filter_data = match dice.below(3) {
+        0 => QueryFilterData::None,
+        1 => QueryFilterData::One(FilterData::default()),
+        _ => QueryFilterData::Each(&filter_data),
     };
     let encoding = Encoding::ALL[dice.below(3) as usize];
     let mask = QueryMask::new(count as usize, BOXES).expect("few objects");
-    let request = QueryRequest::new(SCENE, Some(revision), mask, encoding, &tags);
-    let _ = request.write(&boxes(dice, count), &tags, payload);
+    let request = QueryRequest::new(SCENE, Some(revision), mask, encoding, &filter_data);
+    let _ = request.write(&boxes(dice, count), &filter_data, payload);
     RequestHeader::query_scene(FORGING.token, frame, &request)
 }
 

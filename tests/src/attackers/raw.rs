@@ -10,7 +10,7 @@ use pairmask_core::units::BoxCount;
 use pairmask_transport::{
     Client, PendingResponse, RequestLoan, RuntimeDir, Services, assume_pages,
 };
-use pairmask_wire::{CullRequest, InstanceName, RequestHeader, ResponseHeader, ScenePlace};
+use pairmask_wire::{CullRequest, InstanceName, RequestHeader, ResponseHeader, SceneSections};
 use pairmaskd::scene::Random;
 
 /// Index of the client's id, two words, in the transport's header of a request. All indices here count
@@ -65,7 +65,7 @@ impl RawClient {
 }
 
 pub fn cull(token: u64, frame: u64, n: u32, engine: EngineChoice) -> RequestHeader {
-    let scene = ScenePlace::first(BoxForm::F32, BoxCount::new(n));
+    let scene = SceneSections::first(BoxForm::F32, BoxCount::new(n));
     let request = CullRequest { engine, threads: Some(1), ..CullRequest::of(scene) };
     RequestHeader::cull(token, frame, &request)
 }

@@ -4,7 +4,7 @@ use bytemuck::{cast_slice, cast_slice_mut};
 use pairmask_core::aabb::Aabb;
 use pairmask_core::precision::BoxForm;
 use pairmask_core::units::BoxCount;
-use pairmask_wire::{CullRequest, Page, RequestHeader, RulesLayout, ScenePlace, page_count};
+use pairmask_wire::{CullRequest, Page, RequestHeader, RulesLayout, SceneSections, page_count};
 
 use super::raw::dice;
 use super::{Forging, Tally, Until};
@@ -25,7 +25,7 @@ pub(super) fn attack(until: &Until, tally: &mut Tally) {
         .collect();
     FORGING.attack(until, tally, |_, dice, payload, number, _| {
         let frame = &frames[dice.below(FRAMES) as usize];
-        let scene = ScenePlace::first(BoxForm::F32, BoxCount::new(frame.boxes.len() as u32));
+        let scene = SceneSections::first(BoxForm::F32, BoxCount::new(frame.boxes.len() as u32));
         let layout = RulesLayout::of(&frame.rules, scene.count, scene.payload_bytes()).ok()?;
         if page_count(layout.payload_bytes()) as usize > FORGING.pages {
             return None;
@@ -33,7 +33,7 @@ pub(super) fn attack(until: &Until, tally: &mut Tally) {
         let boxes: &[u8] = cast_slice::<Aabb, u8>(&frame.boxes);
         cast_slice_mut::<Page, u8>(payload)[..boxes.len()].copy_from_slice(boxes);
         let _ = layout.write(&frame.rules, payload);
-        let (rules, may_repeat) = (Some(layout.place()), dice.below(2) == 0);
+        let (rules, may_repeat) = (Some(layout.sections()), dice.below(2) == 0);
         let request = CullRequest { rules, may_repeat, ..CullRequest::of(scene) };
         Some(RequestHeader::cull(FORGING.token, number, &request))
     });

@@ -6,7 +6,7 @@ use std::time::Duration;
 use bytemuck::cast_slice_mut;
 use pairmask_core::engine::EngineChoice;
 use pairmask_core::scene::shared::{AtEnd, Scope};
-use pairmask_core::scene::{Edit, QueryMask, QueryTags};
+use pairmask_core::scene::{Edit, QueryFilterData, QueryMask};
 use pairmask_core::{Aabb, Encoding};
 use pairmask_wire::{
     EditLayout, JoinRequest, LeaseAction, LeaseRequest, QueryRequest, RequestHeader, SceneId,
@@ -77,8 +77,13 @@ pub(super) fn attack(until: &Until, tally: &mut Tally) {
                 // Of all indices that there may be, or of too few.
                 let mask = QueryMask::new(1, [10, 2_000][dice.below(2) as usize])?;
                 let encoding = Encoding::ALL[dice.below(3) as usize];
-                let request = QueryRequest::new(scene, None, mask, encoding, &QueryTags::None);
-                let _ = request.write(&[Aabb::new([-9.0; 3], [9.0; 3])], &QueryTags::None, payload);
+                let request =
+                    QueryRequest::new(scene, None, mask, encoding, &QueryFilterData::None);
+                let _ = request.write(
+                    &[Aabb::new([-9.0; 3], [9.0; 3])],
+                    &QueryFilterData::None,
+                    payload,
+                );
                 RequestHeader::query_scene(FORGING.token, frame, &request)
             }
             _ => {

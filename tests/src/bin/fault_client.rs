@@ -16,7 +16,7 @@
 //! Three modes print what they find and end:
 //!
 //! * `full` fills larger and larger frames until the memory runs out, `full-spheres` such of spheres;
-//! * `connect` tells how the attempt to connect went.
+//! * `connect` reports how the attempt to connect went.
 
 use std::collections::VecDeque;
 use std::error::Error;
@@ -96,8 +96,8 @@ const GREEDY_BOXES: u32 = 600_000;
 /// Boxes in a row, each of which touches the next.
 fn frame_of(session: &mut Session, n: u32) -> Result<Pending<PairMask>, Box<dyn Error>> {
     let mut frame = session.frame(n as usize)?;
-    for (i, place) in frame.boxes_mut().iter_mut().enumerate() {
-        *place = Aabb::new([i as f32, 0.0, 0.0], [i as f32 + 1.0, 1.0, 1.0]);
+    for (i, slot) in frame.boxes_mut().iter_mut().enumerate() {
+        *slot = Aabb::new([i as f32, 0.0, 0.0], [i as f32 + 1.0, 1.0, 1.0]);
     }
     Ok(frame.submit()?)
 }

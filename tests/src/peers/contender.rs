@@ -1,4 +1,4 @@
-//! A contender of the comparison: it takes the boxes of a frame and visits every pair.
+//! A contender of the comparison: it takes the boxes of a frame and iterates over every pair.
 
 use pairmask_core::Aabb;
 
@@ -16,7 +16,7 @@ pub struct Tally {
 
 impl Tally {
     #[inline(always)]
-    pub fn visit(&mut self, a: u32, b: u32) {
+    pub fn iterate(&mut self, a: u32, b: u32) {
         self.count += 1;
         self.sum += u64::from(a ^ b);
     }
@@ -50,11 +50,11 @@ pub struct ContenderError {
 
 /// Takes the first of a pair out of the list of its second.
 pub fn remove(name: &str, partners: &mut Vec<u32>, [a, of]: Pair) -> Result<(), ContenderError> {
-    let place = partners.iter().position(|&other| other == a).ok_or_else(|| ContenderError {
+    let slot = partners.iter().position(|&other| other == a).ok_or_else(|| ContenderError {
         name: name.to_owned(),
         reason: format!("the pair of {a} and {of} ended and never began"),
     })?;
-    partners.swap_remove(place);
+    partners.swap_remove(slot);
     Ok(())
 }
 
@@ -70,7 +70,7 @@ pub trait Contender: Send {
         Ok(())
     }
 
-    /// Finds every pair of overlapping boxes and visits each once.
+    /// Finds every pair of overlapping boxes and iterates over each once.
     fn find(&mut self, boxes: &[Aabb]) -> Result<Tally, ContenderError>;
 
     /// The pairs of the last frame, in any order, each index and each pair in any order too. Not

@@ -53,7 +53,7 @@ pub enum Who {
 pub struct Line {
     pub who: Who,
     pub threads: usize,
-    /// Time of a whole frame, from the user's boxes to visited pairs, all frames.
+    /// Time of a whole frame, from the user's boxes to iterated over pairs, all frames.
     pub frame: Spread,
     pub late: Spread,
     /// The part of `frame` that writes the boxes where they can be read; 0 for peers, whose update
@@ -114,8 +114,8 @@ impl Comparison {
             let Who::Ours { backend, engine } = &ours.who else { continue };
             let mut peers = self.best_of_each_peer(ours.threads);
             peers.sort_by_key(|(_, line)| line.rank());
-            for (place, (peer, theirs)) in peers.into_iter().enumerate() {
-                let is_best_peer = place == 0 && theirs.fault.is_none();
+            for (slot, (peer, theirs)) in peers.into_iter().enumerate() {
+                let is_best_peer = slot == 0 && theirs.fault.is_none();
                 rows.push(PeerRow { of: self, backend, engine, ours, peer, theirs, is_best_peer });
             }
         }

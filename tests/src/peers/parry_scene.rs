@@ -1,8 +1,8 @@
-//! parry3d's tree in the state of a scene that persists: only leaves that moved are updated, and pairs are
+//! parry3d's tree in the state of a persistent scene: only leaves that moved are updated, and pairs are
 //! found by its own incremental ways. Its user keeps the list of pairs.
 //!
 //! * [`ParryWay::Changes`]: leaves grow by a margin, those that left theirs are marked as changed, and the
-//!   tree is traversed against itself where it changed. The list is of pairs of grown leaves, as rapier's.
+//!   tree is traversed against itself where it changed. The list is of pairs of fat leaves, as rapier's.
 //! * [`ParryWay::Queries`]: leaves are the boxes, and each box that moved asks the tree for its partners.
 //!   The list is of the boxes' own pairs.
 //!
@@ -46,8 +46,8 @@ pub struct ParryScene {
 }
 
 fn parry_box(b: &Aabb, margin: f32) -> ParryBox {
-    let grown = |corner: [f32; 3], by: f32| Vector::from_array(corner.map(|x| x + by));
-    ParryBox::new(grown(b.min, -margin), grown(b.max, margin))
+    let enlarged = |corner: [f32; 3], by: f32| Vector::from_array(corner.map(|x| x + by));
+    ParryBox::new(enlarged(b.min, -margin), enlarged(b.max, margin))
 }
 
 pub fn refit(tree: &mut Bvh, workspace: &mut BvhWorkspace, threads: usize) {

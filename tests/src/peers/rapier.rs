@@ -1,6 +1,6 @@
 //! rapier3d's broad phase by itself: boxes set one by one, pairs that came and went as events.
 //!
-//! It grows each box by a margin (0.04 of its length unit) and reports the pairs of grown boxes
+//! It grows each box by a margin (0.04 of its length unit) and reports the pairs of fat AABBs
 //! when they begin and end, so its user keeps the list; here that list is filtered by the boxes
 //! themselves, so that sets compare. Colliders have no body and all their types may collide.
 
@@ -43,7 +43,7 @@ impl Rapier {
         }
     }
 
-    /// Sets some boxes and keeps the list of pairs of grown boxes. Returns how many of them began or ended.
+    /// Sets some boxes and keeps the list of pairs of fat AABBs. Returns how many of them began or ended.
     pub fn change<'a>(
         &mut self,
         boxes: impl IntoIterator<Item = (u32, &'a Aabb)>,
@@ -70,11 +70,11 @@ impl Rapier {
         Ok(self.events.len())
     }
 
-    fn visit(&self, boxes: &[Aabb], mut visit: impl FnMut(u32, u32)) {
+    fn iterate(&self, boxes: &[Aabb], mut iterate: impl FnMut(u32, u32)) {
         for (a, partners) in (0u32..).zip(&self.partners) {
             for &b in partners {
                 if touches(&boxes[a as usize], &boxes[b as usize]) {
-                    visit(a, b);
+                    iterate(a, b);
                 }
             }
         }
@@ -91,13 +91,13 @@ impl Contender for Rapier {
     fn find(&mut self, boxes: &[Aabb]) -> Result<Tally, ContenderError> {
         self.change((0..).zip(boxes))?;
         let mut tally = Tally::default();
-        self.visit(boxes, |a, b| tally.visit(a, b));
+        self.iterate(boxes, |a, b| tally.iterate(a, b));
         Ok(tally)
     }
 
     fn pairs(&mut self, boxes: &[Aabb]) -> Result<Vec<Pair>, ContenderError> {
         let mut pairs = Vec::new();
-        self.visit(boxes, |a, b| pairs.push([a, b]));
+        self.iterate(boxes, |a, b| pairs.push([a, b]));
         Ok(pairs)
     }
 }

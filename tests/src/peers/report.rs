@@ -7,8 +7,8 @@ use serde_json::json;
 use super::line::{Comparison, PeerRow, Spread, Who};
 
 pub const HEAD: &str = "\
-Ratio: our time over the peer's, medians. Time: from the user's boxes to all pairs visited (ours: \
-write, submit, wait, decode; theirs: update from the boxes, visit every pair), µs, with the tenth and \
+Ratio: our time over the peer's, medians. Time: from the user's boxes to all pairs iterated over (ours: \
+write, submit, wait, decode; theirs: update from the boxes, iterate over every pair), µs, with the tenth and \
 the nine-tenth of the frames in brackets. Write: the part of ours that writes the boxes into the \
 session's memory, µs. Late: ratio over the last tenth of the frames. A peer's time is that of its best number \
 of threads (behind t) up to ours. * marks the best peer that returned every pair.";

@@ -6,7 +6,7 @@ use pairmask_core::Aabb;
 use pairmask_core::scene::{Edit, Report, Scene, SceneError, SceneOptions, Step};
 use pairmaskd::execute::gpu::{GpuScene, SceneTools};
 
-use super::model::Heard;
+use super::model::Received;
 use crate::frames::sets;
 
 pub struct BesideCore {
@@ -23,12 +23,12 @@ impl BesideCore {
         Self { core: Scene::new(options), gpu: GpuScene::shared(tools, options) }
     }
 
-    /// Makes an edit of both, and compares what they tell. Says whether the GPU refused what the cores did not.
+    /// Makes an edit of both, and compares what they report. Says whether the GPU refused what the cores did not.
     pub fn try_edit(&mut self, steps: &[Step<'_>], report: Report) -> Result<(), SceneError> {
         self.core.edit(Edit { steps }, report).expect("an answer");
-        let heard = self.gpu.edit(Edit { steps }, report).map(Heard::from)?;
+        let received = self.gpu.edit(Edit { steps }, report).map(Received::from)?;
         // Not `assert_eq`, which would print thousands of pairs.
-        assert!(heard == Heard::from(self.core.reported()), "{report:?}");
+        assert!(received == Received::from(self.core.reported()), "{report:?}");
         Ok(())
     }
 
@@ -36,7 +36,7 @@ impl BesideCore {
         self.try_edit(steps, report).unwrap_or_else(|error| panic!("{what}, {report:?}: {error}"));
     }
 
-    /// Sets boxes from an index on, and takes whatever else there is away.
+    /// Sets boxes from an index on, and removes all else.
     pub fn become_boxes(&mut self, boxes: &[Aabb], report: Report, what: &str) {
         let (n, held) = (boxes.len() as u32, self.core.len() as u32);
         self.edit(&[Step::Remove((n.min(held)..held).into()), sets(0..n, boxes)], report, what);

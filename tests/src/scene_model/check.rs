@@ -4,19 +4,19 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use pairmask_core::Aabb;
-use pairmask_core::filters::{FilterId, Owner, Tag, World};
-use pairmask_core::scene::QueryTags;
+use pairmask_core::filters::{FilterData, FilterId, Owner, World};
+use pairmask_core::scene::QueryFilterData;
 
-use super::model::{Heard, Listener, Model};
+use super::model::{Listener, Model, Received};
 use super::script::{AtEnd, Event, Fate, Pair, Scope, Script, Turn};
 use crate::queried::a_query;
 use crate::stress_scenes::Rng;
 
-/// A scene that is held to the model. Scripts are right: whatever it refuses is a failure.
+/// A scene that is held to the model. Scripts are right: a refusal is a failure.
 pub trait Subject {
-    /// Applies edits: of one member, or one of each. Returns for each the number of its tick and what was told,
+    /// Applies edits: of one member, or one of each. Returns for each the number of its tick and what was reported,
     /// if it was waited for.
-    fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Heard>)>, String>;
+    fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Received>)>, String>;
 
     fn invalidate(&mut self) {}
 
@@ -31,7 +31,7 @@ pub trait Subject {
         false
     }
 
-    /// Whether an answer is acknowledged by being read, whatever its fate was to be; else by its fate alone.
+    /// Whether an answer is acknowledged by being read, regardless of what its fate was to be; else by its fate alone.
     fn reading_acknowledges(&self) -> bool {
         false
     }
@@ -41,7 +41,7 @@ pub trait Subject {
     }
 
     /// The boxes that some others overlap, where the subject is asked that.
-    fn query(&mut self, _: &[Aabb], _: QueryTags<'_>) -> Option<Result<Vec<Pair>, String>> {
+    fn query(&mut self, _: &[Aabb], _: QueryFilterData<'_>) -> Option<Result<Vec<Pair>, String>> {
         None
     }
 }
@@ -70,30 +70,30 @@ impl Seen {
         self.ended.iter_mut().zip(other.ended).for_each(|(sum, count)| *sum += count);
     }
 
-    fn note(&mut self, heard: &Heard) {
-        self.resyncs += usize::from(heard.is_resync);
-        self.pairs += heard.begun.len() + heard.pairs.len();
-        heard.ended.iter().for_each(|ended| self.ended[ended.reason as usize] += 1);
+    fn note(&mut self, received: &Received) {
+        self.resyncs += usize::from(received.is_resync);
+        self.pairs += received.begun.len() + received.pairs.len();
+        received.ended.iter().for_each(|ended| self.ended[ended.reason as usize] += 1);
     }
 }
 
-fn difference(heard: &Heard, expected: &Heard) -> Option<(&'static str, String)> {
-    fn first<T: PartialEq + std::fmt::Debug>(heard: &[T], expected: &[T]) -> Option<String> {
-        let longest = heard.len().max(expected.len());
-        let at = (0..longest).find(|at| heard.get(*at) != expected.get(*at))?;
-        let [h, e] = [heard.get(at), expected.get(at)];
-        Some(format!("{h:?} for {e:?} at {at} of {} for {}", heard.len(), expected.len()))
+fn difference(received: &Received, expected: &Received) -> Option<(&'static str, String)> {
+    fn first<T: PartialEq + std::fmt::Debug>(received: &[T], expected: &[T]) -> Option<String> {
+        let longest = received.len().max(expected.len());
+        let at = (0..longest).find(|at| received.get(*at) != expected.get(*at))?;
+        let [h, e] = [received.get(at), expected.get(at)];
+        Some(format!("{h:?} for {e:?} at {at} of {} for {}", received.len(), expected.len()))
     }
-    if heard.is_resync != expected.is_resync {
-        return Some(("resync", format!("{} for {}", heard.is_resync, expected.is_resync)));
+    if received.is_resync != expected.is_resync {
+        return Some(("resync", format!("{} for {}", received.is_resync, expected.is_resync)));
     }
     let lists = [
-        ("pairs", first(&heard.pairs, &expected.pairs)),
-        ("begun", first(&heard.begun, &expected.begun)),
-        ("ended", first(&heard.ended, &expected.ended)),
+        ("pairs", first(&received.pairs, &expected.pairs)),
+        ("begun", first(&received.begun, &expected.begun)),
+        ("ended", first(&received.ended, &expected.ended)),
     ];
     let list = lists.into_iter().find_map(|(kind, text)| Some((kind, text?)));
-    let counts = (heard.pair_count, expected.pair_count);
+    let counts = (received.pair_count, expected.pair_count);
     list.or_else(|| {
         (counts.0 != counts.1).then(|| ("count", format!("{:?} for {:?}", counts.0, counts.1)))
     })
@@ -155,9 +155,9 @@ impl Play {
             Event::Tick(turns) => {
                 let reported = subject.tick(turns).map_err(|error| ("refused", error))?;
                 // One that came too late under load is part of the next tick.
-                let mut by_tick: BTreeMap<u64, Vec<(&Turn, Option<Heard>)>> = BTreeMap::new();
-                for (turn, (tick, heard)) in turns.iter().zip(reported) {
-                    by_tick.entry(tick).or_default().push((turn, heard));
+                let mut by_tick: BTreeMap<u64, Vec<(&Turn, Option<Received>)>> = BTreeMap::new();
+                for (turn, (tick, received)) in turns.iter().zip(reported) {
+                    by_tick.entry(tick).or_default().push((turn, received));
                 }
                 let (may_resync, by_reading) =
                     (subject.may_resync(), subject.reading_acknowledges());
@@ -179,20 +179,20 @@ impl Play {
         let mut rng = Rng::new(event as u64);
         let all = Aabb::new([f32::NEG_INFINITY; 3], [f32::INFINITY; 3]);
         let queries = [all, a_query(&mut rng, 3.0), a_query(&mut rng, 20.0)];
-        let tag = Tag::new(World(0), Owner(1), FilterId(rng.below(4) as u16));
-        let tags = [QueryTags::None, QueryTags::One(tag)][event % 2];
-        let Some(found) = subject.query(&queries, tags) else { return Ok(()) };
+        let filter_data = FilterData::new(World(0), Owner(1), FilterId(rng.below(4) as u16));
+        let filter_data = [QueryFilterData::None, QueryFilterData::One(filter_data)][event % 2];
+        let Some(found) = subject.query(&queries, filter_data) else { return Ok(()) };
         let (found, expected) =
-            (found.map_err(|error| ("refused", error))?, self.model.query(&queries, tags));
+            (found.map_err(|error| ("refused", error))?, self.model.query(&queries, filter_data));
         if found == expected {
             return Ok(());
         }
-        Err(("query", format!("{found:?} for {expected:?}, {tags:?}")))
+        Err(("query", format!("{found:?} for {expected:?}, {filter_data:?}")))
     }
 
     fn tick(
         &mut self,
-        reported: Vec<(&Turn, Option<Heard>)>,
+        reported: Vec<(&Turn, Option<Received>)>,
         is_shared: bool,
         may_resync: bool,
         reading_acknowledges: bool,
@@ -203,19 +203,19 @@ impl Play {
             .collect();
         self.listeners.values_mut().for_each(|listener| listener.note_named(&named, is_shared));
         let now = self.model.pairs();
-        for (turn, heard) in reported {
+        for (turn, received) in reported {
             self.seen.edits += 1;
             let listener = self.listeners.get_mut(&turn.member).expect("it has joined");
-            if let Some(heard) = heard {
-                listener.is_lost |= may_resync && heard.is_resync;
+            if let Some(received) = received {
+                listener.is_lost |= may_resync && received.is_resync;
                 let expected = listener.expects(&self.model, &now, turn.mode);
-                if let Some((kind, text)) = difference(&heard, &expected) {
+                if let Some((kind, text)) = difference(&received, &expected) {
                     return Err((
                         kind,
                         format!("{text}, {:?} of member {}", turn.mode, turn.member),
                     ));
                 }
-                self.seen.note(&heard);
+                self.seen.note(&received);
                 if reading_acknowledges || turn.fate == Fate::Acknowledged {
                     listener.acknowledge(&now, turn.mode);
                 }

@@ -7,7 +7,7 @@
 use std::collections::BTreeSet;
 
 use pairmask_core::Aabb;
-use pairmask_core::filters::{Filter, FilterId, Owner, Tag, World};
+use pairmask_core::filters::{Filter, FilterData, FilterId, Owner, World};
 
 use super::model::Model;
 use super::script::{AtEnd, Event, Fate, Mode, Op, Scope, Script, Turn, repair_edit};
@@ -16,7 +16,7 @@ use crate::stress_scenes::Rng;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     Small,
-    /// Some hundred boxes in one place, told apart by filters: changes by the thousand.
+    /// Some hundred boxes in one place, distinguished by filters: changes by the thousand.
     Crowd,
     /// 200 to 6,000 boxes, of which few or many change: beyond the borders between the ways of searching.
     Large,
@@ -116,9 +116,9 @@ impl Edits {
 
 const REMOVE: usize = 0;
 const SET: usize = 1;
-const SWITCH: usize = 2;
+const ENABLE: usize = 2;
 const STATIC: usize = 3;
-const TAG: usize = 4;
+const FILTER_DATUM: usize = 4;
 const FILTERS: usize = 5;
 const LISTS: usize = 6;
 const RENEW: usize = 7;
@@ -283,7 +283,7 @@ impl Maker {
         }
         // Alike for all of them, or drawn for each.
         let alike = [(); 2].map(|()| self.one_in(2));
-        let (tag, b) = (self.a_tag(), self.a_box());
+        let (filter_data, b) = (self.some_filter_data(), self.a_box());
         for index in indices {
             let on = if alike[0] { alike[1] } else { self.one_in(2) };
             match verb {
@@ -292,11 +292,11 @@ impl Maker {
                     let b = if alike[0] && count < 70 { b } else { self.a_box() };
                     ops.push(Op::Set(index, b));
                 }
-                SWITCH => ops.push(Op::Switch(index, on)),
+                ENABLE => ops.push(Op::Enable(index, on)),
                 STATIC => ops.push(Op::Static(index, on)),
-                TAG => {
-                    let tag = if alike[0] { tag } else { self.a_tag() };
-                    ops.push(Op::Tag(index, tag));
+                FILTER_DATUM => {
+                    let filter_data = if alike[0] { filter_data } else { self.some_filter_data() };
+                    ops.push(Op::FilterData(index, filter_data));
                 }
                 LISTS => {
                     let pair = [index, self.an_index()];
@@ -337,11 +337,11 @@ impl Maker {
         b
     }
 
-    fn a_tag(&mut self) -> Tag {
+    fn some_filter_data(&mut self) -> FilterData {
         let world = if self.one_in(3) { World(self.below(3) as i32 - 1) } else { World(0) };
         let owner = if self.one_in(3) { Owner(self.below(3)) } else { Owner::NONE };
         // What it says of static boxes counts in frames alone.
-        Tag::new(world, owner, FilterId(self.below(4) as u16)).with_static(self.one_in(4))
+        FilterData::new(world, owner, FilterId(self.below(4) as u16)).with_static(self.one_in(4))
     }
 
     fn a_filter(&mut self) -> Filter {
@@ -355,9 +355,9 @@ fn move_by(op: &mut Op, by: u32) {
     match op {
         Op::Remove(index)
         | Op::Set(index, _)
-        | Op::Switch(index, _)
+        | Op::Enable(index, _)
         | Op::Static(index, _)
-        | Op::Tag(index, _) => *index += by,
+        | Op::FilterData(index, _) => *index += by,
         Op::Include(pair, _) | Op::Exclude(pair, _) => pair.iter_mut().for_each(|i| *i += by),
         Op::Filters(_) => {}
     }

@@ -2,8 +2,8 @@
 
 use pairmask::{Margin, SceneEdit};
 use pairmask_core::Aabb;
-use pairmask_core::filters::{FilterTable, Tag};
-use pairmask_core::scene::{Indices, Sets, Step, Tags};
+use pairmask_core::filters::{FilterData, FilterTable};
+use pairmask_core::scene::{FilterDataSets, Indices, Sets, Step};
 
 use super::script::{Op, Pair};
 use crate::stress_scenes::Rng;
@@ -15,7 +15,7 @@ struct Group {
     /// The indices as bits, where they rise and are no range.
     words: Vec<u32>,
     boxes: Vec<Aabb>,
-    tags: Vec<Tag>,
+    filter_data: Vec<FilterData>,
     pairs: Vec<Pair>,
     table: FilterTable,
 }
@@ -33,7 +33,7 @@ impl Group {
             }
             match op {
                 Op::Set(_, b) => group.boxes.push(*b),
-                Op::Tag(_, tag) => group.tags.push(*tag),
+                Op::FilterData(_, filter_data) => group.filter_data.push(*filter_data),
                 _ => {}
             }
         }
@@ -65,9 +65,12 @@ impl Group {
         match op {
             Op::Remove(_) => Step::Remove(self.named()),
             Op::Set(..) => Step::Set(Sets { indices: self.named(), boxes: &self.boxes }),
-            Op::Switch(_, on) => Step::Switch(self.named(), *on),
+            Op::Enable(_, on) => Step::Enable(self.named(), *on),
             Op::Static(_, on) => Step::Static(self.named(), *on),
-            Op::Tag(..) => Step::Tag(Tags { indices: self.named(), tags: &self.tags }),
+            Op::FilterData(..) => Step::FilterData(FilterDataSets {
+                indices: self.named(),
+                filter_data: &self.filter_data,
+            }),
             Op::Filters(_) => Step::Filters(&self.table),
             Op::Include(_, on) => Step::Include(&self.pairs, *on),
             Op::Exclude(_, on) => Step::Exclude(&self.pairs, *on),
@@ -77,7 +80,7 @@ impl Group {
 
 fn are_one_step(a: &Op, b: &Op) -> bool {
     let on = |op: &Op| match op {
-        Op::Switch(_, on) | Op::Static(_, on) | Op::Include(_, on) | Op::Exclude(_, on) => *on,
+        Op::Enable(_, on) | Op::Static(_, on) | Op::Include(_, on) | Op::Exclude(_, on) => *on,
         _ => true,
     };
     std::mem::discriminant(a) == std::mem::discriminant(b) && on(a) == on(b)

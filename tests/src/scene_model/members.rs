@@ -8,14 +8,14 @@ use std::time::Duration;
 use pairmask::{Scene, SceneEdit, SceneOptions, Session, SessionBuilder};
 use pairmask_core::Aabb;
 use pairmask_core::engine::EngineName;
-use pairmask_core::scene::QueryTags;
+use pairmask_core::scene::QueryFilterData;
 
 use super::check::Subject;
 use super::generate::MEMBERS;
 use super::grouped::Grouped;
-use super::model::Heard;
+use super::model::Received;
 use super::script::{Fate, Pair, Scope, Script, Turn};
-use crate::heard;
+use crate::received;
 
 /// How long the ticks of shared scenes wait for who is late. Three commits in a row take less, but for a machine under
 /// load, where some are part of the next tick then.
@@ -60,12 +60,12 @@ impl<'s> SharedMembers<'s> {
 }
 
 impl Subject for SharedMembers<'_> {
-    fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Heard>)>, String> {
+    fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Received>)>, String> {
         let owns: BTreeMap<u32, Range<u32>> =
             self.members.iter().map(|(member, (_, own))| (*member, own.clone())).collect();
         let mut free: BTreeMap<u32, &mut Scene> =
             self.members.iter_mut().map(|(member, (scene, _))| (*member, scene)).collect();
-        // Whoever commits first, all are told the same.
+        // In any order of commits, all receive the same.
         let mut order: Vec<&Turn> = turns.iter().collect();
         self.ticks += 1;
         order.rotate_left(self.ticks % turns.len());
@@ -99,7 +99,7 @@ impl Subject for SharedMembers<'_> {
             let tick = answer.tick().ok_or("an answer of no tick")?;
             committed.entry(tick).or_default().insert(turn.member);
             late.push((tick, answer.late().to_vec()));
-            reported.insert(turn.member, (tick, Some(heard!(answer))));
+            reported.insert(turn.member, (tick, Some(received!(answer))));
         }
         let reported =
             turns.iter().map(|turn| reported.remove(&turn.member).ok_or("a second turn"));
@@ -134,12 +134,12 @@ impl Subject for SharedMembers<'_> {
     fn query(
         &mut self,
         queries: &[Aabb],
-        tags: QueryTags<'_>,
+        filter_data: QueryFilterData<'_>,
     ) -> Option<Result<Vec<Pair>, String>> {
         self.asked += 1;
         let asks = self.asked % self.members.len().max(1);
         let (scene, _) = self.members.values_mut().nth(asks)?;
-        let found = scene.query_tagged(queries, tags);
+        let found = scene.query_filtered(queries, filter_data);
         Some(found.map(|found| found.to_vec()).map_err(|error| error.to_string()))
     }
 

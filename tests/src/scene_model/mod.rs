@@ -1,7 +1,7 @@
 //! A naive model of scenes, against which random edits over all verbs are driven.
 //!
 //! ```text
-//! model     boxes and filters as plain tables; all pairs by comparing all boxes; what a listener is to be told
+//! model     boxes and filters as plain tables; all pairs by comparing all boxes; what a listener is to be reported
 //! generate  random scripts: edits, answers that nobody acknowledges, members that join and leave
 //! check     plays a script on a scene and on the model, and compares each answer
 //! shrink    the smallest script that still fails, printed as Rust that runs
@@ -26,7 +26,7 @@ pub use self::check::{Failure, Seen, Subject, check};
 pub use self::generate::{Edits, Kind, script_of};
 pub use self::grouped::{Grouped, a_margin, margins_for};
 pub use self::members::{Sessions, SharedMembers};
-pub use self::model::{Heard, Listener, Model, PairsByGeneration, ended, overlap};
+pub use self::model::{Listener, Model, PairsByGeneration, Received, ended, overlap};
 pub use self::script::{
     AtEnd, EndReason, Ended, Event, Fate, Mode, Op, Pair, Scope, Script, Turn, at, one, turn,
 };

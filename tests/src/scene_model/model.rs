@@ -1,19 +1,19 @@
 //! The model: what boxes and filters there are, all pairs of now, and what is to be reported to a listener.
 //!
 //! A pair is named by the indices of its boxes and their generations: a box that is removed ends, and one that
-//! is set at its index is another. What a listener is told is the difference of two sets of such pairs.
+//! is set at its index is another. What a listener receives is the difference of two sets of such pairs.
 
 use std::borrow::Borrow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use pairmask_core::Aabb;
-use pairmask_core::filters::{Filter, Tag};
-use pairmask_core::scene::QueryTags;
+use pairmask_core::filters::{Filter, FilterData};
+use pairmask_core::scene::QueryFilterData;
 
 use super::script::{EndReason, Ended, Mode, Op, Pair};
 
-/// Changes that are told as such even where all pairs are fewer.
+/// Changes that are reported as such even where all pairs are fewer.
 const RESYNC_LEAST: usize = 4_096;
 
 /// Pairs, with the generations of their indices.
@@ -24,7 +24,7 @@ struct Body {
     b: Aabb,
     is_on: bool,
     is_static: bool,
-    tag: Tag,
+    filter_data: FilterData,
     holder: u64,
 }
 
@@ -56,8 +56,8 @@ impl Model {
             match op {
                 Op::Remove(index) => self.remove(*index),
                 Op::Set(index, b) => {
-                    let tag = Tag::default();
-                    let fresh = Body { b: *b, is_on: true, is_static: false, tag, holder };
+                    let filter_data = FilterData::default();
+                    let fresh = Body { b: *b, is_on: true, is_static: false, filter_data, holder };
                     let body = self.bodies.entry(*index).or_insert(fresh);
                     let is_own = body.holder == holder;
                     *body = if is_own { Body { b: *b, ..*body } } else { fresh };
@@ -66,9 +66,11 @@ impl Model {
                         self.retain_listed(|pair, by| by == holder || !pair.contains(index));
                     }
                 }
-                Op::Switch(index, on) => self.with(*index, |body| body.is_on = *on),
+                Op::Enable(index, on) => self.with(*index, |body| body.is_on = *on),
                 Op::Static(index, on) => self.with(*index, |body| body.is_static = *on),
-                Op::Tag(index, tag) => self.with(*index, |body| body.tag = *tag),
+                Op::FilterData(index, filter_data) => {
+                    self.with(*index, |body| body.filter_data = *filter_data)
+                }
                 Op::Filters(filters) => {
                     let before = std::mem::replace(&mut self.filters, filters.clone());
                     let differs = |body: &Body| filter(&before, body) != filter(filters, body);
@@ -112,14 +114,14 @@ impl Model {
     /// The seven rules, in their order.
     fn rules_allow(&self, [x, y]: [&Body; 2], included: bool, excluded: bool) -> bool {
         let [f, g] = [filter(&self.filters, x), filter(&self.filters, y)];
-        let (v, w) = (x.tag.world.0, y.tag.world.0);
+        let (v, w) = (x.filter_data.world.0, y.filter_data.world.0);
         if v != w && v != -1 && w != -1 {
             return false;
         }
         if included {
             return true;
         }
-        if x.tag.owner == y.tag.owner && x.tag.owner.0 != 0
+        if x.filter_data.owner == y.filter_data.owner && x.filter_data.owner.0 != 0
             || (x.is_static || f.is_static) && (y.is_static || g.is_static)
             || excluded
         {
@@ -133,17 +135,17 @@ impl Model {
     }
 
     pub fn pairs(&self) -> PairsByGeneration {
-        let is_solid = |body: &Body| (0..3).all(|i| body.b.min[i] <= body.b.max[i]);
-        let mut solid: Vec<(u32, Aabb)> = self
+        let is_valid = |body: &Body| (0..3).all(|i| body.b.min[i] <= body.b.max[i]);
+        let mut valid: Vec<(u32, Aabb)> = self
             .bodies
             .iter()
-            .filter(|(_, body)| body.is_on && is_solid(body))
+            .filter(|(_, body)| body.is_on && is_valid(body))
             .map(|(index, body)| (*index, body.b))
             .collect();
-        solid.sort_by(|(_, a), (_, b)| a.min[0].partial_cmp(&b.min[0]).expect("no NaN"));
+        valid.sort_by(|(_, a), (_, b)| a.min[0].partial_cmp(&b.min[0]).expect("no NaN"));
         let mut pairs = Vec::new();
-        for (at, (i, a)) in solid.iter().enumerate() {
-            for (j, b) in solid[at + 1..].iter().take_while(|(_, b)| b.min[0] <= a.max[0]) {
+        for (at, (i, a)) in valid.iter().enumerate() {
+            for (j, b) in valid[at + 1..].iter().take_while(|(_, b)| b.min[0] <= a.max[0]) {
                 let over = |axis: usize| a.min[axis] <= b.max[axis] && b.min[axis] <= a.max[axis];
                 let pair = [*i.min(j), *i.max(j)];
                 if over(1) && over(2) && self.may_meet(pair[0], pair[1]) {
@@ -154,18 +156,23 @@ impl Model {
         pairs.into_iter().collect()
     }
 
-    /// The pairs [query, index] of queries with tags, or none: a query has no index, so that lists say nothing of it.
-    pub fn query(&self, queries: &[Aabb], tags: QueryTags<'_>) -> Vec<Pair> {
+    /// The pairs [query, index] of queries with filter data, or none: a query has no index, so that lists say nothing of it.
+    pub fn query(&self, queries: &[Aabb], filter_data: QueryFilterData<'_>) -> Vec<Pair> {
         let mut pairs = Vec::new();
         for (number, query) in queries.iter().enumerate() {
-            let tag = match tags {
-                QueryTags::None => None,
-                QueryTags::One(tag) => Some(tag),
-                QueryTags::Each(tags) => Some(tags[number]),
+            let filter_data = match filter_data {
+                QueryFilterData::None => None,
+                QueryFilterData::One(filter_data) => Some(filter_data),
+                QueryFilterData::Each(filter_data) => Some(filter_data[number]),
             };
             for (index, body) in self.bodies.iter().filter(|(_, body)| body.is_on) {
-                let meets = tag.is_none_or(|tag| {
-                    let asks = Body { b: *query, tag, is_static: tag.is_static(), ..*body };
+                let meets = filter_data.is_none_or(|filter_data| {
+                    let asks = Body {
+                        b: *query,
+                        filter_data,
+                        is_static: filter_data.is_static(),
+                        ..*body
+                    };
                     self.rules_allow([&asks, body], false, false)
                 });
                 if meets && overlap(query, &body.b) {
@@ -198,13 +205,13 @@ impl Model {
 
 /// Whether two boxes overlap: written anew, apart from the engines'.
 pub fn overlap(a: &Aabb, b: &Aabb) -> bool {
-    let is_solid = |b: &Aabb| (0..3).all(|axis| b.min[axis] <= b.max[axis]);
+    let is_valid = |b: &Aabb| (0..3).all(|axis| b.min[axis] <= b.max[axis]);
     let is_over = (0..3).all(|axis| a.min[axis] <= b.max[axis] && b.min[axis] <= a.max[axis]);
-    is_solid(a) && is_solid(b) && is_over
+    is_valid(a) && is_valid(b) && is_over
 }
 
 fn filter(filters: &[Filter], body: &Body) -> Filter {
-    filters.get(usize::from(body.tag.filter.0)).copied().unwrap_or(Filter::ALL)
+    filters.get(usize::from(body.filter_data.filter.0)).copied().unwrap_or(Filter::ALL)
 }
 
 fn put(list: &mut BTreeMap<Pair, u64>, [a, b]: Pair, by: Option<u64>) {
@@ -216,7 +223,7 @@ fn put(list: &mut BTreeMap<Pair, u64>, [a, b]: Pair, by: Option<u64>) {
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Heard {
+pub struct Received {
     pub is_resync: bool,
     /// Pairs of the whole scene, where that is reported.
     pub pair_count: Option<u64>,
@@ -225,8 +232,8 @@ pub struct Heard {
     pub pairs: Vec<Pair>,
 }
 
-impl Heard {
-    /// What it makes of the pairs that a listener knew. Whatever is told twice is a failure.
+impl Received {
+    /// What it makes of the pairs that a listener knew. A change that is reported twice is a failure.
     pub fn teach(&self, known: &mut BTreeSet<Pair>) {
         if self.is_resync {
             *known = self.pairs.iter().copied().collect();
@@ -243,9 +250,9 @@ pub fn ended(listed: impl IntoIterator<Item = impl Borrow<Ended>>) -> Vec<Ended>
 }
 
 #[macro_export]
-macro_rules! heard {
+macro_rules! received {
     ($answer:expr) => {
-        $crate::scene_model::Heard {
+        $crate::scene_model::Received {
             is_resync: $answer.is_resync(),
             pair_count: $answer.pair_count(),
             begun: $answer.begun().to_vec(),
@@ -262,7 +269,7 @@ pub struct Listener {
     pub is_lost: bool,
     /// Boxes that were named since what moved pairs are counted from; `None`: all boxes.
     moved: Option<BTreeSet<u32>>,
-    /// It is told of pairs that touch these indices; `None`: of all.
+    /// It learns of pairs that touch these indices; `None`: of all.
     pub own: Option<Range<u32>>,
 }
 
@@ -283,23 +290,28 @@ impl Listener {
 
     fn scope(&self, pairs: &PairsByGeneration) -> PairsByGeneration {
         let is_own = |index: &u32| self.own.as_ref().is_none_or(|own| own.contains(index));
-        let heard = pairs.iter().filter(|(pair, _)| pair.iter().any(is_own));
-        heard.map(|(pair, generations)| (*pair, *generations)).collect()
+        let received = pairs.iter().filter(|(pair, _)| pair.iter().any(is_own));
+        received.map(|(pair, generations)| (*pair, *generations)).collect()
     }
 
     /// What is to be reported to it of the pairs of now.
-    pub fn expects(&self, model: &Model, now: &PairsByGeneration, mode: Mode) -> Heard {
+    pub fn expects(&self, model: &Model, now: &PairsByGeneration, mode: Mode) -> Received {
         let pair_count = Some(now.len() as u64);
-        let heard = self.scope(now);
-        let all = || heard.keys().copied().collect::<Vec<Pair>>();
+        let received = self.scope(now);
+        let all = || received.keys().copied().collect::<Vec<Pair>>();
         match mode {
             Mode::Changes => {
-                let begun = heard.iter().filter(|(pair, of)| self.then.get(*pair) != Some(*of));
-                let ended = self.then.iter().filter(|(pair, of)| heard.get(*pair) != Some(*of));
+                let begun = received.iter().filter(|(pair, of)| self.then.get(*pair) != Some(*of));
+                let ended = self.then.iter().filter(|(pair, of)| received.get(*pair) != Some(*of));
                 let (begun, ended): (Vec<_>, Vec<_>) = (begun.collect(), ended.collect());
                 let most = now.len().max(RESYNC_LEAST);
                 if self.is_lost || begun.len() + ended.len() > most {
-                    return Heard { is_resync: true, pair_count, pairs: all(), ..Heard::default() };
+                    return Received {
+                        is_resync: true,
+                        pair_count,
+                        pairs: all(),
+                        ..Received::default()
+                    };
                 }
                 let begun = begun.into_iter().map(|(pair, _)| *pair).collect();
                 let reason = |(pair, of): (&Pair, &[u32; 2])| Ended {
@@ -307,20 +319,20 @@ impl Listener {
                     reason: model.reason(*pair, *of),
                 };
                 let ended = ended.into_iter().map(reason).collect();
-                Heard { pair_count, begun, ended, ..Heard::default() }
+                Received { pair_count, begun, ended, ..Received::default() }
             }
-            Mode::All => Heard { pair_count, pairs: all(), ..Heard::default() },
+            Mode::All => Received { pair_count, pairs: all(), ..Received::default() },
             Mode::Moved => {
                 let has_moved = |index: &u32| self.moved.as_ref().is_none_or(|m| m.contains(index));
-                let pairs = heard.keys().copied().filter(|pair| pair.iter().any(has_moved));
+                let pairs = received.keys().copied().filter(|pair| pair.iter().any(has_moved));
                 let pairs = pairs.collect();
-                Heard { pairs, ..Heard::default() }
+                Received { pairs, ..Received::default() }
             }
-            _ => Heard::default(),
+            _ => Received::default(),
         }
     }
 
-    /// It acknowledges an answer that told the pairs of now.
+    /// It acknowledges an answer that reported the pairs of now.
     pub fn acknowledge(&mut self, now: &PairsByGeneration, mode: Mode) {
         self.moved = Some(BTreeSet::new());
         if matches!(mode, Mode::Changes | Mode::All) {

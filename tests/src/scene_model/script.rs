@@ -5,7 +5,7 @@ use std::fmt;
 use std::ops::Range;
 
 use pairmask_core::Aabb;
-use pairmask_core::filters::{Filter, Tag};
+use pairmask_core::filters::{Filter, FilterData};
 pub use pairmask_core::scene::shared::{AtEnd, Scope};
 pub use pairmask_core::scene::{EndReason, Ended, Report as Mode};
 
@@ -16,9 +16,9 @@ pub type Pair = [u32; 2];
 pub enum Op {
     Remove(u32),
     Set(u32, Aabb),
-    Switch(u32, bool),
+    Enable(u32, bool),
     Static(u32, bool),
-    Tag(u32, Tag),
+    FilterData(u32, FilterData),
     Filters(Vec<Filter>),
     Include(Pair, bool),
     Exclude(Pair, bool),
@@ -29,8 +29,8 @@ impl Op {
         match self {
             Self::Remove(_) => 0,
             Self::Set(..) => 1,
-            Self::Switch(..) | Self::Static(..) => 2,
-            Self::Tag(..) | Self::Filters(_) | Self::Include(..) | Self::Exclude(..) => 3,
+            Self::Enable(..) | Self::Static(..) => 2,
+            Self::FilterData(..) | Self::Filters(_) | Self::Include(..) | Self::Exclude(..) => 3,
         }
     }
 
@@ -42,9 +42,9 @@ impl Op {
         match self {
             Self::Remove(index)
             | Self::Set(index, _)
-            | Self::Switch(index, _)
+            | Self::Enable(index, _)
             | Self::Static(index, _)
-            | Self::Tag(index, _) => std::slice::from_ref(index),
+            | Self::FilterData(index, _) => std::slice::from_ref(index),
             Self::Include(pair, _) | Self::Exclude(pair, _) => pair,
             Self::Filters(_) => &[],
         }
@@ -163,7 +163,9 @@ pub(super) fn repair_edit(
     ops.retain(|op| !matches!(op, Op::Set(index, _) if !set.insert(*index)));
     present.extend(set);
     ops.retain(|op| match op {
-        Op::Switch(index, _) | Op::Static(index, _) | Op::Tag(index, _) => present.contains(index),
+        Op::Enable(index, _) | Op::Static(index, _) | Op::FilterData(index, _) => {
+            present.contains(index)
+        }
         Op::Include([a, b], _) | Op::Exclude([a, b], _) => a != b,
         Op::Remove(_) | Op::Set(..) | Op::Filters(_) => true,
     });
@@ -221,10 +223,14 @@ impl fmt::Display for Op {
                 let corners: Vec<String> = corners.iter().map(|x| written(*x)).collect();
                 write!(f, "Set({index}, at([{}]))", corners.join(", "))
             }
-            Self::Tag(index, tag) => {
-                let (world, owner, filter) = (tag.world, tag.owner, tag.filter);
-                write!(f, "Tag({index}, Tag::new({world:?}, {owner:?}, {filter:?})")?;
-                write!(f, "{})", if tag.is_static() { ".with_static(true)" } else { "" })
+            Self::FilterData(index, filter_data) => {
+                let (world, owner, filter) =
+                    (filter_data.world, filter_data.owner, filter_data.filter);
+                write!(
+                    f,
+                    "Filter data({index}, Filter data::new({world:?}, {owner:?}, {filter:?})"
+                )?;
+                write!(f, "{})", if filter_data.is_static() { ".with_static(true)" } else { "" })
             }
             Self::Filters(filters) => {
                 write!(f, "Filters(vec![")?;

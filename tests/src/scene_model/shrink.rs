@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use super::check::{Failure, Seen, Subject, check};
 use super::generate::{Kind, script_of};
 use super::script::{Fate, Mode, Op, Script, Turn, at};
-use pairmask_core::filters::{Filter, Owner, Tag, World};
+use pairmask_core::filters::{Filter, FilterData, Owner, World};
 
 /// Scripts that are tried at most, and how long: a script of thousands of boxes is as small as it gets in that.
 const MOST_TRIES: usize = 4_000;
@@ -195,14 +195,18 @@ fn plainer(op: &Op, choice: usize) -> Option<Op> {
             let x = [0.0, 10.0].get(choice)?;
             Op::Set(*index, at([*x, 0.0, 0.0, x + 1.0, 1.0, 1.0]))
         }
-        Op::Tag(index, tag) => Op::Tag(
+        Op::FilterData(index, filter_data) => Op::FilterData(
             *index,
             match choice {
-                0 => Tag::default(),
-                1 => tag.with_static(false),
-                2 => tag.with_world(World(0)),
-                3 => tag.with_owner(Owner::NONE),
-                4 => Tag::new(tag.world, tag.owner, pairmask_core::filters::FilterId(0)),
+                0 => FilterData::default(),
+                1 => filter_data.with_static(false),
+                2 => filter_data.with_world(World(0)),
+                3 => filter_data.with_owner(Owner::NONE),
+                4 => FilterData::new(
+                    filter_data.world,
+                    filter_data.owner,
+                    pairmask_core::filters::FilterId(0),
+                ),
                 _ => return None,
             },
         ),

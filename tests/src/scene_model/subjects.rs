@@ -6,28 +6,28 @@ use pairmask::{Scene, SceneAnswer, SceneEdit, ServedBy, Session};
 use pairmask_core::Aabb;
 use pairmask_core::engine::{EngineId, EngineName};
 use pairmask_core::scene::{
-    Edit, QueryError, QueryTags, Report, Reported, Scene as CoreCrateScene, SceneError,
+    Edit, QueryError, QueryFilterData, Report, Reported, Scene as CoreCrateScene, SceneError,
     SceneOptions,
 };
 use pairmaskd::execute::gpu::GpuScene;
 
 use super::check::Subject;
 use super::grouped::{Grouped, a_margin, margins_for};
-use super::model::Heard;
+use super::model::Received;
 use super::script::{Fate, Op, Pair, Script, Turn};
-use crate::heard;
 use crate::queried::a_query;
+use crate::received;
 use crate::stress_scenes::Rng;
 
-impl From<&Reported> for Heard {
+impl From<&Reported> for Received {
     fn from(reported: &Reported) -> Self {
-        heard!(reported)
+        received!(reported)
     }
 }
 
-impl From<&SceneAnswer<'_>> for Heard {
+impl From<&SceneAnswer<'_>> for Received {
     fn from(answer: &SceneAnswer<'_>) -> Self {
-        heard!(answer)
+        received!(answer)
     }
 }
 
@@ -37,7 +37,11 @@ pub trait BareScene {
     fn acknowledge(&mut self);
     fn resync(&mut self);
     fn box_count(&self) -> usize;
-    fn query(&mut self, queries: &[Aabb], tags: QueryTags<'_>) -> Result<Vec<Pair>, QueryError>;
+    fn query(
+        &mut self,
+        queries: &[Aabb],
+        filter_data: QueryFilterData<'_>,
+    ) -> Result<Vec<Pair>, QueryError>;
 }
 
 macro_rules! bare_scene {
@@ -58,10 +62,10 @@ macro_rules! bare_scene {
             fn query(
                 &mut self,
                 queries: &[Aabb],
-                tags: QueryTags<'_>,
+                filter_data: QueryFilterData<'_>,
             ) -> Result<Vec<Pair>, QueryError> {
                 let mut found = Vec::new();
-                <$scene>::query(self, queries, tags, &mut found).map(|_| found)
+                <$scene>::query(self, queries, filter_data, &mut found).map(|_| found)
             }
         }
     };
@@ -90,7 +94,7 @@ impl<S: BareScene> Bare<S> {
         let Some(rng) = &mut self.asks else { return Ok(()) };
         let count = [0, 0, 1, 3, 70, 200][rng.below(6) as usize];
         let queries: Vec<Aabb> = (0..count).map(|_| a_query(rng, 20.0)).collect();
-        let found = self.scene.query(&queries, QueryTags::None);
+        let found = self.scene.query(&queries, QueryFilterData::None);
         found.map(drop).map_err(|error| error.to_string())
     }
 }
@@ -105,14 +109,18 @@ pub fn options(script: &Script) -> SceneOptions {
     SceneOptions::default().with_most_boxes(script.limit.max(1))
 }
 
+fn session_options(script: &Script) -> pairmask::SceneOptions {
+    pairmask::SceneOptions::default().with_most_boxes(script.limit.max(1))
+}
+
 impl<S: BareScene> Subject for Bare<S> {
-    fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Heard>)>, String> {
+    fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Received>)>, String> {
         let mut reported = Vec::new();
         for turn in turns {
             let edit = Grouped::of(&turn.ops);
-            let heard = self.scene.edit(Edit { steps: &edit.steps() }, turn.mode);
-            let heard = heard.map(Heard::from).map_err(|error| error.to_string())?;
-            reported.push((0, Some(heard)));
+            let received = self.scene.edit(Edit { steps: &edit.steps() }, turn.mode);
+            let received = received.map(Received::from).map_err(|error| error.to_string())?;
+            reported.push((0, Some(received)));
             self.ask()?;
             if turn.fate == Fate::Acknowledged {
                 self.scene.acknowledge();
@@ -160,19 +168,18 @@ impl<'a> SessionScene<'a> {
         script: &Script,
         disturb: impl FnMut(Moment) + 'a,
     ) -> Self {
-        let scene = session.scene(options(script).into()).expect("no scene that is shared");
+        let scene = session.scene(session_options(script)).expect("no scene that is shared");
         Self { scene, expected: None, may_resync: true, margins: None, disturb: Box::new(disturb) }
     }
 
-    /// One whose boxes have margins of chance, and that tells exact pairs. No daemon that dies makes it resync.
+    /// One whose boxes have margins of chance, and that reports exact pairs. No daemon that dies makes it resync.
     pub fn margined(
         session: &mut Session,
         script: &Script,
         disturb: impl FnMut(Moment) + 'a,
     ) -> Self {
         let mut rng = Rng::new(script.events.len() as u64);
-        let options = pairmask::SceneOptions::from(options(script));
-        let options = options.with_margin(a_margin(&mut rng, 0));
+        let options = session_options(script).with_margin(a_margin(&mut rng, 0));
         let scene = session.scene(options).expect("no scene that is shared");
         let (margins, disturb) = (Some(rng), Box::new(disturb));
         Self { scene, expected: None, may_resync: false, margins, disturb }
@@ -202,7 +209,7 @@ impl<'a> SessionScene<'a> {
 }
 
 impl Subject for SessionScene<'_> {
-    fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Heard>)>, String> {
+    fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Received>)>, String> {
         let mut reported = Vec::new();
         for turn in turns {
             let Self { scene, expected, margins, disturb, .. } = self;
@@ -226,7 +233,7 @@ impl Subject for SessionScene<'_> {
                 return Err(format!("{:?}, {}", answer.served_by(), answer.engine()));
             }
             let (by, engine) = (answer.served_by(), answer.engine());
-            reported.push((0, Some(Heard::from(&answer))));
+            reported.push((0, Some(Received::from(&answer))));
             drop(answer);
             if before.is_none() || before != requests(scene) {
                 disturb(Moment::Answered(by, engine));

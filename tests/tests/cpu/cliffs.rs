@@ -3,10 +3,10 @@
 
 use std::collections::BTreeSet;
 
-use pairmask_core::filters::{FilterId, Owner, Rules, Tag, World};
+use pairmask_core::filters::{FilterData, FilterId, Owner, Rules, World};
 use pairmask_core::scene::{Scene, between};
 use pairmask_tests::prelude::*;
-use pairmask_tests::scene_model::Heard;
+use pairmask_tests::scene_model::Received;
 
 const N: u32 = 20_000;
 const SEED: u64 = 3;
@@ -16,9 +16,9 @@ const CROWDED: [&str; 2] = ["woven", "rods"];
 /// Ordinary boxes of which one, or some, are replaced. The one is at an index at which the sample of the grid looks.
 fn with_outliers(name: &str) -> Vec<Aabb> {
     let mut boxes = stress_scenes::named("uniform").boxes(N, SEED);
-    let (wanted, n) = (1_024, N as usize);
+    let (requested, n) = (1_024, N as usize);
     let sampled = |i: usize| {
-        let (start, end) = (i * n / wanted, (i + 1) * n / wanted);
+        let (start, end) = (i * n / requested, (i + 1) * n / requested);
         let hash = (i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33;
         start + hash as usize % (end - start)
     };
@@ -91,9 +91,10 @@ fn filters_hold_in_frames_that_are_handed_over() {
         let boxes = stress_scenes::named(name).boxes(N, SEED);
         let (_, _, mut expected) = pairs_of(&boxes, EngineChoice::Auto);
         // Boxes of one owner do not meet.
-        let tag = |i: u32| Tag::new(World::default(), Owner(1 + i % 3), FilterId::default());
+        let filter_data =
+            |i: u32| FilterData::new(World::default(), Owner(1 + i % 3), FilterId::default());
         let mut rules = Rules::default();
-        rules.tags = (0..N).map(tag).collect();
+        rules.filter_data = (0..N).map(filter_data).collect();
         expected.retain(|[a, b]| a % 3 != b % 3);
         let (mut engines, mut reply) = (CpuEngines::new(), HeapReply::new());
         for threads in [1, 2] {
@@ -129,7 +130,7 @@ fn edits_of_crowded_scenes_cost_no_more_than_a_cull_and_report_each_change_once(
             }
             let steps = [sets(moved.as_slice(), &set)];
             let reported = scene.edit(Edit { steps: &steps }, Report::Changes).expect("an edit");
-            Heard::from(reported).teach(&mut known);
+            Received::from(reported).teach(&mut known);
             let tested = reported.skipped().tested;
             assert!(tested < 1_000 * u64::from(N), "{name}, turn {turn}: {tested} tests");
             scene.acknowledge();
@@ -156,7 +157,7 @@ fn queries_of_crowded_scenes_find_what_each_box_compared_with_each_finds() {
             .collect();
         for asked in [300, 3_000] {
             let mut found = Vec::new();
-            let tested = scene.query(&queries[..asked], QueryTags::None, &mut found);
+            let tested = scene.query(&queries[..asked], QueryFilterData::None, &mut found);
             let of_asked = expected.partition_point(|[query, _]| *query < asked as u32);
             assert!(found == expected[..of_asked], "{name}, {asked} queries");
             assert!(tested.is_ok_and(|tested| tested <= 400 * u64::from(N)), "{name}");

@@ -13,8 +13,8 @@ fn names_and_numbers_distinguish_engines() {
     let numbers: BTreeSet<_> = all.map(|engine| engine as u32).into();
     assert_eq!((names.len(), numbers.len()), (all.len(), all.len()));
     assert!(!numbers.contains(&0), "0 is the plan's choice");
-    for (place, engine) in all.into_iter().enumerate() {
-        assert_eq!(engine.place(), place);
+    for (slot, engine) in all.into_iter().enumerate() {
+        assert_eq!(engine.ordinal(), slot);
         assert_eq!(EngineName::from_wire(engine as u32), Some(engine));
         assert_eq!(EngineName::from_name(engine.as_str()), Some(engine));
         assert!(!["auto", "all", "spheres", "updates"].contains(&engine.as_str()), "{engine}");

@@ -80,8 +80,8 @@ fn frames_of_a_team_after_pauses_have_the_golden_pairs() {
         let mut engines = cpu_engines();
         for frame in 0..golden.len() * engines.len() {
             let (name, scene, hash) = &golden[frame / engines.len()];
-            let place = frame % engines.len();
-            let engine = engines[place].as_mut();
+            let slot = frame % engines.len();
+            let engine = engines[slot].as_mut();
             let found = pair_set_hash(&pairs(engine, scene.boxes()));
             assert_eq!(found, *hash, "{name}, frame {frame}");
             thread::sleep(Duration::from_micros(frame as u64 % 3 * 60));

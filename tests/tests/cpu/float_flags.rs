@@ -15,7 +15,7 @@ use pairmask_core::write::{CenterHalf, par_write_boxes, write_boxes};
 use pairmask_lab::stress::{FloatFlags, MixedFlags, Rounding};
 use pairmask_tests::conformance::mixed_flags;
 use pairmask_tests::prelude::*;
-use pairmask_tests::scene_model::Heard;
+use pairmask_tests::scene_model::Received;
 use pairmask_tests::spheres;
 use pairmaskd::scene::{Random, Scene, SceneName};
 use rayon::ThreadPool;
@@ -339,7 +339,7 @@ const ENTRY_POINTS: [EntryPoint; 23] = [
     }),
     ("SceneStats::of", |boxes| {
         let stats = SceneStats::of(boxes, None);
-        let floats = [stats.solid_share, stats.median_size, stats.large_size, stats.window_share];
+        let floats = [stats.valid_share, stats.median_size, stats.large_size, stats.window_share];
         floats.iter().chain([&stats.elongation]).map(|x| u64::from(x.to_bits())).collect()
     }),
     ("oracle", |boxes| {
@@ -356,7 +356,7 @@ const ENTRY_POINTS: [EntryPoint; 23] = [
 ];
 
 #[test]
-fn every_entry_point_gives_the_same_whatever_the_flags() {
+fn every_entry_point_gives_the_same_with_any_flags() {
     let boxes = hard_boxes();
     for (name, entry_point) in ENTRY_POINTS {
         let expected = entry_point(&boxes);
@@ -370,7 +370,7 @@ fn every_entry_point_gives_the_same_whatever_the_flags() {
 }
 
 #[test]
-fn replies_are_the_same_bytes_whatever_the_flags() {
+fn replies_are_the_same_bytes_with_any_flags() {
     let pool = pool(2);
     let boxes = [boxes_within(3e-38, 2_100, 9), boxes_within(100.0, 2_100, 10)].concat();
     for mut engine in cpu_engines() {
@@ -435,7 +435,7 @@ fn scenes_reported_under_changing_flags_add_up_to_the_truth() {
                 scene.edit(Edit { steps: &steps }, Report::Changes).unwrap();
                 scene.acknowledge();
             });
-            Heard::from(scene.reported()).teach(&mut reported);
+            Received::from(scene.reported()).teach(&mut reported);
         }
         let truth = oracle::truth(&boxes).pairs;
         assert!(truth.len() > 100, "{} pairs", truth.len());

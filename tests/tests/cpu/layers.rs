@@ -1,4 +1,4 @@
-//! The crates of the library are layers: no module uses one that uses it, by whatever way. The compiler does not check
+//! The crates of the library are layers: no module uses one that uses it, in any way. The compiler does not check
 //! that; here it is read from the source, as is the number of types that a user meets.
 
 use std::collections::{BTreeMap, BTreeSet};

@@ -17,8 +17,8 @@ use rayon::iter::ParallelIterator;
 /// The pairs in all encodings: sparse with and without an order, and listed in no order.
 fn all_encodings(n: BoxCount, pairs: &[Pair]) -> [WrittenMask; 4] {
     let order = random_order(n, 7);
-    let places = random_order(BoxCount::new(pairs.len() as u32), 8);
-    let shuffled: Vec<Pair> = places.iter().map(|place| pairs[*place as usize]).collect();
+    let slots = random_order(BoxCount::new(pairs.len() as u32), 8);
+    let shuffled: Vec<Pair> = slots.iter().map(|slot| pairs[*slot as usize]).collect();
     [
         write_dense(n, pairs),
         write_sparse(n, pairs, None),

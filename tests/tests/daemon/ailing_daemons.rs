@@ -25,7 +25,7 @@ fn hanging() -> TestDaemon {
 }
 
 #[test]
-fn a_worker_whose_lanes_all_hang_is_replaced() {
+fn a_worker_whose_threads_all_hang_is_replaced() {
     let daemon = hanging();
     let before = daemon.worker();
     let pid = before.as_raw_nonzero().get() as u32;
@@ -36,7 +36,7 @@ fn a_worker_whose_lanes_all_hang_is_replaced() {
     std::thread::scope(|scope| {
         for _ in 0..clients {
             scope.spawn(|| {
-                while is_there() && start.elapsed() < 2 * PATIENCE {
+                while is_there() && start.elapsed() < 2 * TIMEOUT {
                     let auto = daemon.session().backend(Backend::Auto);
                     let mut session = auto.deadline(Duration::from_secs(1)).connect().unwrap();
                     let sent = Instant::now();

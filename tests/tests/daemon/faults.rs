@@ -13,7 +13,7 @@ use pairmask_tests::prelude::*;
 use pairmask_tests::spheres::{check_mask, cull, whole_scene};
 use pairmask_transport::{DaemonRecord, Heartbeat, RuntimeDir, Services};
 use pairmask_wire::{
-    CullRequest, InstanceName, ReplyError, RequestHeader, ScenePlace, StatusCode, Version,
+    CullRequest, InstanceName, ReplyError, RequestHeader, SceneSections, StatusCode, Version,
 };
 use rustix::process::{Pid, getpid};
 
@@ -149,7 +149,7 @@ fn a_frame_that_is_polled_for_leaves_a_silent_daemon_too() {
     let mut pending = session.ask(&boxes);
     let mask = eventually("the frame is answered", || {
         std::thread::sleep(Duration::from_millis(1));
-        pending.try_take().unwrap()
+        pending.try_receive().unwrap()
     });
     assert_eq!(mask.info().served_by, ServedBy::InProcess);
     daemon.signal_worker(Signal::CONT);
@@ -287,7 +287,7 @@ fn check_forged(
     let worker = daemon.worker();
     let services = Services::connect(&daemon.dir(), &InstanceName::default()).unwrap();
     let client = services.client(77, 4).unwrap();
-    let scene = ScenePlace::first(form.into(), BoxCount::new(10));
+    let scene = SceneSections::first(form.into(), BoxCount::new(10));
     for (number, (change, expected)) in changes.iter().enumerate() {
         let mut header = RequestHeader::cull(77, 1, &CullRequest::of(scene));
         change(&mut header);
@@ -360,14 +360,14 @@ fn a_mask_larger_than_a_reply_is_answered_in_process_or_named() {
 #[test]
 fn a_missing_daemon_and_another_version_are_distinguished() {
     let dir = tempfile::tempdir().unwrap();
-    let place = RuntimeDir::at(dir.path());
-    let builder = Session::builder().runtime_dir(place.clone()).backend(Backend::Daemon);
+    let slot = RuntimeDir::at(dir.path());
+    let builder = Session::builder().runtime_dir(slot.clone()).backend(Backend::Daemon);
     let connect = || builder.clone().connect().unwrap_err();
     assert!(matches!(connect(), ConnectError::NoDaemon { .. }));
     let (pid, name) = (std::process::id(), InstanceName::default());
     let record = |worker_pid, version| {
         let record = DaemonRecord { worker_pid, supervisor_pid: pid, version };
-        place.write_record(&name, &record).unwrap();
+        slot.write_record(&name, &record).unwrap();
     };
     let older = Version { minor: Version::CURRENT.minor - 1, ..Version::CURRENT };
     for version in [older, Version { major: 2, minor: 0 }] {
@@ -378,7 +378,7 @@ fn a_missing_daemon_and_another_version_are_distinguished() {
     assert!(matches!(connect(), ConnectError::NoDaemon { .. }));
     // A dead daemon's process id may be another process's by now.
     record(pid, Version::CURRENT);
-    drop(Heartbeat::start(&place, &name).unwrap());
+    drop(Heartbeat::start(&slot, &name).unwrap());
     let error = connect();
     assert!(matches!(error, ConnectError::NoDaemon { .. }), "{error}");
     let said = error.to_string();

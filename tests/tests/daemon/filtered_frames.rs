@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use pairmask::Frame;
-use pairmask::filters::{Owner, Rules, Tag, World};
+use pairmask::filters::{FilterData, Owner, Rules, World};
 use pairmask_tests::daemon::outlive_kills;
 use pairmask_tests::filtered_frames::{FilteredFrame, KINDS};
 use pairmask_tests::frames::filtered;
@@ -20,7 +20,8 @@ fn grid(builder: SessionBuilder) -> SessionBuilder {
 /// Each pair stands in the range of its world, and ranges stand side by side.
 fn check_worlds(mask: &PairMask, frame: &FilteredFrame) {
     let (rules, n) = (&frame.rules, frame.boxes.len());
-    let mut worlds: Vec<World> = (0..n as u32).map(|index| rules.tag(index).world).collect();
+    let mut worlds: Vec<World> =
+        (0..n as u32).map(|index| rules.filter_data(index).world).collect();
     worlds.sort_unstable();
     worlds.dedup();
     let several = worlds.iter().filter(|world| **world != World::ALL).count() > 1;
@@ -32,7 +33,7 @@ fn check_worlds(mask: &PairMask, frame: &FilteredFrame) {
     let mut seen = 0;
     for world in worlds {
         for [a, b] in mask.pairs_of_world(world).unwrap() {
-            let of = [*a, *b].map(|index| rules.tag(index).world);
+            let of = [*a, *b].map(|index| rules.filter_data(index).world);
             assert_eq!(if of[0] == World::ALL { of[1] } else { of[0] }, world);
             seen += 1;
         }
@@ -110,7 +111,7 @@ fn rules_that_stay_go_to_the_gpu_and_change_in_time() {
         for turn in 0..3 {
             check(frame.submit(&mut session), &frame);
             if let Some([a, _]) = frame.pairs.get(turn).copied() {
-                frame.rules.tags[a as usize].world = World(4);
+                frame.rules.filter_data[a as usize].world = World(4);
                 frame.find_pairs();
             }
             for _ in 0..2 {
@@ -143,8 +144,8 @@ fn a_mask_of_all_pairs_that_has_no_room_becomes_one_of_those_that_meet() {
     let mut frame = FilteredFrame::drawn(4_201, KINDS[0], 3);
     frame.boxes.fill(Aabb::new([0.0; 3], [1.0; 3]));
     frame.rules = Rules::default();
-    frame.rules.tags =
-        (0..4_201).map(|at| Tag::default().with_owner(Owner(at / 4_200 + 1))).collect();
+    frame.rules.filter_data =
+        (0..4_201).map(|at| FilterData::default().with_owner(Owner(at / 4_200 + 1))).collect();
     frame.pairs = (0..4_200).map(|a| [a, 4_200]).collect();
     let mut session = daemon.connect_to(EngineName::GpuGrid);
     for _ in 0..3 {
@@ -187,15 +188,15 @@ fn equal_boxes_with_other_rules_are_no_repeat() {
             assert_eq!(repeats, [false, false, true, true, true], "{kind:?}");
         };
         check_repeats(&mut session, &frame);
-        // One tag, and then one pair of a list, and then the filters.
+        // One entry of filter data, and then one pair of a list, and then the filters.
         let [a, b] = frame.pairs[frame.pairs.len() / 2];
         frame.rules.lists.exclude([a, b], true);
         frame.rules.lists.include([a, b], false);
         frame.pairs.retain(|pair| *pair != [a, b]);
         check_repeats(&mut session, &frame);
         let [a, b] = frame.pairs[0];
-        frame.rules.tags[a as usize].world = World(77);
-        frame.rules.tags[b as usize].world = World(78);
+        frame.rules.filter_data[a as usize].world = World(77);
+        frame.rules.filter_data[b as usize].world = World(78);
         frame.pairs.retain(|[a, b]| frame.rules.meet(*a, *b));
         check_repeats(&mut session, &frame);
         // Without rules, and with those that let all meet.
@@ -329,7 +330,7 @@ fn kept_rules_are_those_of_their_frame() {
 }
 
 #[test]
-fn a_daemon_that_has_forgotten_rules_is_sent_them_again() {
+fn a_daemon_that_has_dropped_rules_is_sent_them_again() {
     let daemon = TestDaemon::of_cores();
     let frame = FilteredFrame::drawn(700, KINDS[6], 8);
     let rules = Arc::new(frame.rules.clone());

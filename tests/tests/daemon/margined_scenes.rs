@@ -8,7 +8,7 @@ use pairmask::{EditError, Margin, MarginStats, Scene, SceneEdit, SceneOptions};
 use pairmask_lab::stress::{FloatFlags, Rounding};
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{
-    Edits, Grouped, Heard, Kind, Moment, Op, SessionScene, a_margin, hold, margins_for,
+    Edits, Grouped, Kind, Moment, Op, Received, SessionScene, a_margin, hold, margins_for,
 };
 use pairmask_tests::stress_scenes::Rng;
 use pairmaskd::scene::{Random, Scene as World, SceneName};
@@ -65,7 +65,7 @@ fn a_daemon_is_sent_few_boxes_and_the_pairs_are_the_same() {
 fn a_gpu_is_sent_few_boxes_and_the_pairs_are_the_same() {
     let daemon = TestDaemon::start(&["--gpu", "software"]);
     let builder = daemon.session().engine(EngineChoice::Only(EngineName::GpuGrid));
-    let mut session = builder.deadline(4 * PATIENCE).connect().unwrap();
+    let mut session = builder.deadline(4 * TIMEOUT).connect().unwrap();
     hold_exact(&mut session, 83_000, [(Kind::Small, 60), (Kind::Large, 8)]);
 }
 
@@ -88,7 +88,7 @@ fn check_near(
     assert!(exact.iter().all(|pair| near.contains(pair)), "a pair that overlaps is near");
     for pair in near {
         let [a, b] = pair.map(|index| scene.get(index).unwrap());
-        assert!([a, b].iter().all(|b| b.class() == BoxClass::Solid), "{pair:?}");
+        assert!([a, b].iter().all(|b| b.class() == BoxClass::Valid), "{pair:?}");
         let reach = pair.map(|index| 4.0 * f64::from(margins[&index].get())).iter().sum::<f64>();
         for (axis, (gap, ends, starts)) in gaps(&a, &b).into_iter().enumerate() {
             // Four margins each; steps of f32 as one margin has them, at the faces that were sent.
@@ -113,8 +113,9 @@ fn near(session: &mut Session, (seed, most_boxes): (u64, u32), edits: usize) {
         let margins = margins_for(&grouped, &mut rng, source.model().len());
         of_boxes.extend(grouped.margins_of_boxes(&margins, usual));
         let exact: Vec<[u32; 2]> = source.model().pairs().into_keys().collect();
-        let wants = [Report::Changes, Report::Changes, Report::Changes, Report::Moved, Report::All];
-        let report = wants[rng.below(5) as usize];
+        let asks_for =
+            [Report::Changes, Report::Changes, Report::Changes, Report::Moved, Report::All];
+        let report = asks_for[rng.below(5) as usize];
         let pending = grouped.with_margins(scene.edit(), &margins).submit(report).unwrap();
         if report == Report::Changes && rng.below(4) == 0 {
             // Nobody waits for it: the next answer makes up for it.
@@ -129,9 +130,9 @@ fn near(session: &mut Session, (seed, most_boxes): (u64, u32), edits: usize) {
             assert!(of_moved.all(|pair| reported.contains(pair)), "all boxes that the edit names");
             continue;
         }
-        let mut heard = Heard::from(&answer);
-        heard.is_resync |= report == Report::All;
-        heard.teach(&mut known);
+        let mut received = Received::from(&answer);
+        received.is_resync |= report == Report::All;
+        received.teach(&mut known);
         drop(answer);
         check_near(&known, &exact, &scene, &of_boxes);
     }
@@ -246,7 +247,7 @@ fn what_is_wrong_with_an_edit_is_reported_and_changes_nothing() {
         |scene| moved(scene, &[(1, 9.0)], 0.0).remove(5),
         // Neither of them has left its margin.
         |scene| moved(scene, &[(1, 0.6), (1, 0.7)], 1.0),
-        |scene| moved(scene, &[(1, 0.6)], 1.0).switch(4, true),
+        |scene| moved(scene, &[(1, 0.6)], 1.0).set_enabled(4, true),
         |scene| scene.edit().set_all_margined(0..3, &[Aabb::EMPTY; 2], Margin::default()),
     ];
     for wrong in edits {
@@ -332,7 +333,7 @@ fn a_daemon_that_died_costs_a_typed_error_and_no_change() {
     daemon.restart();
     eventually("the scene is sent again", || {
         let answer = scene.edit().commit(Report::Changes).ok()?;
-        assert!(!answer.is_resync(), "this process knows what was told");
+        assert!(!answer.is_resync(), "this process knows what was reported");
         assert_eq!((answer.begun().to_vec(), answer.ended().count()), (vec![[2, 3]], 1));
         Some(())
     });
@@ -359,7 +360,7 @@ fn flags_of_the_calling_thread_change_neither_pairs_nor_what_is_sent() {
                 (b.min[0], b.max[0]) = (b.min[0] + by, b.max[0] + by);
             }
         }
-        // The margin is the same number whatever the flags.
+        // The margin is the same number regardless of the flags.
         let margin = margin(0.02 * extent);
         let run = || {
             let mut scene = in_process().scene(with_margins(false)).unwrap();

@@ -2,7 +2,7 @@
 //! answer is what comparing each with each gives.
 
 use pairmask::{Margin, QueryAnswer, SceneEdit, SceneOptions};
-use pairmask_core::filters::Tag;
+use pairmask_core::filters::FilterData;
 use pairmask_core::scene::{QueryError, Scene, SceneOptions as CoreOptions, between};
 use pairmask_tests::frames::two_sets;
 use pairmask_tests::prelude::*;
@@ -55,9 +55,14 @@ impl QueriedScene for Remote<'_> {
         drop(edit.commit(Report::Changes).unwrap());
     }
 
-    fn query(&mut self, queries: &[Aabb], tags: QueryTags<'_>, encoding: Encoding) -> Vec<Pair> {
+    fn query(
+        &mut self,
+        queries: &[Aabb],
+        filter_data: QueryFilterData<'_>,
+        encoding: Encoding,
+    ) -> Vec<Pair> {
         (self.before)();
-        let answer = self.scene.query_as(queries, tags, encoding).unwrap();
+        let answer = self.scene.query_as(queries, filter_data, encoding).unwrap();
         assert_eq!(answer.mask().encoding(), encoding);
         self.served.push(answer.served_by());
         read(&answer, queries.len() as u32)
@@ -101,7 +106,7 @@ fn a_query_that_finds_too_much_is_refused_and_the_scene_stays() {
     let mut found = Vec::new();
     scene.limit_query_pairs(1_500);
     for queries in [&few[..], &many, &few] {
-        let asked = scene.query(queries, QueryTags::None, &mut found);
+        let asked = scene.query(queries, QueryFilterData::None, &mut found);
         if queries.len() == 3 {
             assert_eq!((asked.is_ok(), found.len()), (true, 1_500));
         } else {
@@ -113,15 +118,15 @@ fn a_query_that_finds_too_much_is_refused_and_the_scene_stays() {
         }
     }
     scene.limit_query_pairs(1_499);
-    assert!(scene.query(&few, QueryTags::None, &mut found).is_err());
+    assert!(scene.query(&few, QueryFilterData::None, &mut found).is_err());
 }
 
 #[test]
-fn each_query_needs_its_tag() {
+fn each_query_needs_its_filter_data() {
     let mut scene = Scene::new(CoreOptions::default());
-    let (queries, tags) = ([Aabb::EMPTY; 3], [Tag::default(); 2]);
-    let asked = scene.query(&queries, QueryTags::Each(&tags), &mut Vec::new());
-    assert!(matches!(asked, Err(QueryError::Tags { queries: 3, tags: 2 })));
+    let (queries, filter_data) = ([Aabb::EMPTY; 3], [FilterData::default(); 2]);
+    let asked = scene.query(&queries, QueryFilterData::Each(&filter_data), &mut Vec::new());
+    assert!(matches!(asked, Err(QueryError::FilterData { queries: 3, filter_data: 2 })));
 }
 
 #[test]
@@ -216,18 +221,23 @@ fn a_reply_that_is_too_small_refuses_a_query_and_the_scene_stays() {
 
 #[test]
 fn the_model_notices_a_pair_that_is_missing() {
-    struct Forgetful(Scene);
-    impl QueriedScene for Forgetful {
+    struct Discarding(Scene);
+    impl QueriedScene for Discarding {
         fn edit(&mut self, edit: Edit<'_>) {
             QueriedScene::edit(&mut self.0, edit);
         }
-        fn query(&mut self, boxes: &[Aabb], tags: QueryTags<'_>, e: Encoding) -> Vec<Pair> {
-            let mut found = QueriedScene::query(&mut self.0, boxes, tags, e);
+        fn query(
+            &mut self,
+            boxes: &[Aabb],
+            filter_data: QueryFilterData<'_>,
+            e: Encoding,
+        ) -> Vec<Pair> {
+            let mut found = QueriedScene::query(&mut self.0, boxes, filter_data, e);
             found.pop();
             found
         }
     }
-    let mut scene = Forgetful(Scene::new(CoreOptions::default()));
+    let mut scene = Discarding(Scene::new(CoreOptions::default()));
     let checked =
         std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| check(&mut scene, 4, 40, 80)));
     assert!(checked.is_err());

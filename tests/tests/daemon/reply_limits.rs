@@ -392,8 +392,8 @@ fn a_worker_with_a_limit_stays_within_a_few_times_of_it() {
         assert!(error.contains("reply-too-large"), "{engine}: {error}");
         assert_eq!(count(&mut session, &boxes[..345]).unwrap(), 345 * 344 / 2);
         // Words up to the limit, arrays that grow by doubling, and 40 MB for so many objects.
-        let grown = peak_bytes(pid) - before;
-        assert!(grown < 4 * LIMIT, "{engine}: {} MiB", grown >> 20);
+        let enlarged = peak_bytes(pid) - before;
+        assert!(enlarged < 4 * LIMIT, "{engine}: {} MiB", enlarged >> 20);
         assert_eq!(daemon.record().unwrap().worker_pid, pid, "it is the same worker");
     }
 }

@@ -8,12 +8,12 @@ use std::cell::{Cell, RefCell};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
-use pairmask_core::filters::{FilterId, Owner, Tag, World};
-use pairmask_core::scene::{EditError, Scene, Tags};
+use pairmask_core::filters::{FilterData, FilterId, Owner, World};
+use pairmask_core::scene::{EditError, FilterDataSets, Scene};
 use pairmask_tests::gpu;
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{
-    AtEnd, Bare, CoreScene, EndReason, Event, Fate, Heard, Kind, Mode, Model, Moment, Op, Scope,
+    AtEnd, Bare, CoreScene, EndReason, Event, Fate, Kind, Mode, Model, Moment, Op, Received, Scope,
     Script, Seen, SessionScene, Sessions, SharedMembers, Subject, Turn, at, check, hold,
     hold_without_rules, one, options, script_of, turn,
 };
@@ -38,7 +38,7 @@ fn hold_all<S: Subject>(
     for (kind, edits) in kinds {
         seen.add(hold(kind, seed, edits, &mut subject));
     }
-    assert!(seen.ended.iter().all(|count| *count > 0), "each reason is told: {seen:?}");
+    assert!(seen.ended.iter().all(|count| *count > 0), "each reason is reported: {seen:?}");
     assert!(seen.resyncs > 0, "{seen:?}");
     println!("{seen:?}");
     seen
@@ -208,10 +208,10 @@ fn huge_scenes_are_those_of_the_model() {
 
 struct Liar<F>(CoreScene, F);
 
-impl<F: FnMut(&mut Heard)> Subject for Liar<F> {
-    fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Heard>)>, String> {
+impl<F: FnMut(&mut Received)> Subject for Liar<F> {
+    fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Received>)>, String> {
         let mut reported = self.0.tick(turns)?;
-        reported.iter_mut().filter_map(|(_, heard)| heard.as_mut()).for_each(&mut self.1);
+        reported.iter_mut().filter_map(|(_, received)| received.as_mut()).for_each(&mut self.1);
         Ok(reported)
     }
 
@@ -226,7 +226,7 @@ fn three() -> Script {
     let events = vec![
         one(&boxes, Mode::Changes, Fate::Acknowledged),
         one(&[away], Mode::Changes, Fate::Acknowledged),
-        one(&[Op::Switch(0, true)], Mode::Moved, Fate::Acknowledged),
+        one(&[Op::Enable(0, true)], Mode::Moved, Fate::Acknowledged),
         one(&[], Mode::All, Fate::Acknowledged),
         Event::Invalidate,
         one(&[], Mode::Changes, Fate::Acknowledged),
@@ -256,22 +256,22 @@ fn the_model_finds_the_pairs_of_the_oracle() {
     }
 }
 
-type Lie = fn(&mut Heard);
+type Lie = fn(&mut Received);
 
 #[test]
 fn the_model_notices_each_falsified_answer() {
     let reported = check(&three(), &mut CoreScene::new(&three(), 1)).unwrap();
     assert_eq!((reported.edits, reported.ended, reported.resyncs), (5, [0, 0, 2], 1));
     let lies: [(&str, Lie); 9] = [
-        ("begun", |heard| heard.begun.truncate(heard.begun.len().saturating_sub(1))),
-        ("begun", |heard| heard.begun.extend(heard.begun.first().copied())),
-        ("begun", |heard| heard.begun.reverse()),
-        ("ended", |heard| heard.ended.truncate(heard.ended.len().saturating_sub(1))),
-        ("ended", |heard| heard.ended.iter_mut().for_each(|e| e.reason = EndReason::Removed)),
-        ("pairs", |heard| heard.pairs.truncate(heard.pairs.len().saturating_sub(1))),
-        ("pairs", |heard| heard.pairs.push([1, 2])),
-        ("resync", |heard| heard.is_resync = false),
-        ("count", |heard| heard.pair_count = heard.pair_count.map(|count| count + 1)),
+        ("begun", |received| received.begun.truncate(received.begun.len().saturating_sub(1))),
+        ("begun", |received| received.begun.extend(received.begun.first().copied())),
+        ("begun", |received| received.begun.reverse()),
+        ("ended", |received| received.ended.truncate(received.ended.len().saturating_sub(1))),
+        ("ended", |received| received.ended.iter_mut().for_each(|e| e.reason = EndReason::Removed)),
+        ("pairs", |received| received.pairs.truncate(received.pairs.len().saturating_sub(1))),
+        ("pairs", |received| received.pairs.push([1, 2])),
+        ("resync", |received| received.is_resync = false),
+        ("count", |received| received.pair_count = received.pair_count.map(|count| count + 1)),
     ];
     for (number, (kind, lie)) in lies.into_iter().enumerate() {
         let failure = check(&three(), &mut Liar(CoreScene::new(&three(), 1), lie)).unwrap_err();
@@ -281,14 +281,23 @@ fn the_model_notices_each_falsified_answer() {
 
 #[test]
 fn a_script_that_fails_is_printed_as_small_as_it_can_be() {
-    // Ends by a static flag are never told.
-    let lie = |heard: &mut Heard| heard.ended.retain(|e| e.reason != EndReason::Filtered);
+    // Ends by a static flag are never reported.
+    let lie = |received: &mut Received| received.ended.retain(|e| e.reason != EndReason::Filtered);
     let held = catch_unwind(AssertUnwindSafe(|| {
         hold(Kind::Small, 0, 10_000, |script| Liar(CoreScene::new(script, 1), lie))
     }));
     let text = held.unwrap_err().downcast::<String>().unwrap();
     assert!(text.contains("ended: None for Some(Ended"), "{text}");
-    let ops = ["Set(", "Switch(", "Static(", "Tag(", "Filters(", "Include(", "Exclude(", "Remove("];
+    let ops = [
+        "Set(",
+        "Enable(",
+        "Static(",
+        "FilterData(",
+        "Filters(",
+        "Include(",
+        "Exclude(",
+        "Remove(",
+    ];
     let count: usize = ops.iter().map(|op| text.matches(op).count()).sum();
     assert!(count <= 6, "two boxes, and what keeps them apart: {text}");
 }
@@ -315,11 +324,11 @@ fn a_pair_ends_that_becomes_static_in_the_first_edit_that_lists_pairs() {
 #[test]
 fn a_removal_is_reported_that_no_answer_reported_before_the_first_rules() {
     let boxes = [Op::Set(0, unit()), Op::Set(1, unit())];
-    let tag = Op::Tag(0, Tag::new(World(0), Owner(1), FilterId(0)));
+    let filter_data = Op::FilterData(0, FilterData::new(World(0), Owner(1), FilterId(0)));
     let renewed = [Op::Remove(1), Op::Set(1, unit())];
     for removed in [&renewed[..], &renewed[..1]] {
         for (mode, fate) in [(Mode::Changes, Fate::Unread), (Mode::Nothing, Fate::Acknowledged)] {
-            let rules = takes(std::slice::from_ref(&tag));
+            let rules = takes(std::slice::from_ref(&filter_data));
             plays(2, vec![takes(&boxes), one(removed, mode, fate), rules]);
         }
     }
@@ -356,15 +365,23 @@ fn a_wrong_edit_of_rules_changes_nothing() {
     let set = sets(0..3, &boxes);
     scene.edit(Edit { steps: &[set] }, Report::Changes).expect("an answer");
     scene.acknowledge();
-    let tags = [Tag::default().with_world(World(1)); 3];
-    let tag = |indices, count: usize| Step::Tag(Tags { indices, tags: &tags[..count] });
+    let filter_data = [FilterData::default().with_world(World(1)); 3];
+    let filter_data = |indices, count: usize| {
+        Step::FilterData(FilterDataSets { indices, filter_data: &filter_data[..count] })
+    };
     let wrong: [(&[Step<'_>], EditError); 6] = [
-        (&[tag((0..3).into(), 2)], EditError::Lengths { indices: 3, boxes: 2 }),
-        (&[tag((2..4).into(), 2)], EditError::Absent { index: 3 }),
-        (&[tag((9..12).into(), 3)], EditError::BeyondLimit { index: 11, limit: 10 }),
+        (&[filter_data((0..3).into(), 2)], EditError::Lengths { indices: 3, boxes: 2 }),
+        (&[filter_data((2..4).into(), 2)], EditError::Absent { index: 3 }),
+        (&[filter_data((9..12).into(), 3)], EditError::BeyondLimit { index: 11, limit: 10 }),
         (&[Step::Include(&[[1, 10]], true)], EditError::BeyondLimit { index: 10, limit: 10 }),
-        (&[Step::Remove((1..2).into()), tag((1..2).into(), 1)], EditError::Absent { index: 1 }),
-        (&[tag((0..1).into(), 1), Step::Remove((5..6).into())], EditError::Absent { index: 5 }),
+        (
+            &[Step::Remove((1..2).into()), filter_data((1..2).into(), 1)],
+            EditError::Absent { index: 1 },
+        ),
+        (
+            &[filter_data((0..1).into(), 1), Step::Remove((5..6).into())],
+            EditError::Absent { index: 5 },
+        ),
     ];
     for (steps, expected) in wrong {
         let refused = scene.edit(Edit { steps }, Report::Changes).map(drop);
@@ -403,14 +420,15 @@ fn a_removal_that_a_member_has_missed_is_reported() {
 }
 
 #[test]
-fn kept_boxes_are_what_their_next_member_says() {
+fn remaining_boxes_are_what_their_next_member_says() {
     // An owner keeps two static boxes apart as well: the host has what the flag needs.
     let host = |flag: &Op| match flag {
-        Op::Tag(..) => [Op::Set(0, unit()), Op::Tag(0, owned())],
+        Op::FilterData(..) => [Op::Set(0, unit()), Op::FilterData(0, owned())],
         _ => [Op::Set(0, unit()), Op::Static(0, true)],
     };
-    let flags = [Op::Static(3, true), Op::Switch(3, false), Op::Tag(3, owned())];
-    let plain = [Op::Static(3, false), Op::Switch(3, true), Op::Tag(3, Tag::default())];
+    let flags = [Op::Static(3, true), Op::Enable(3, false), Op::FilterData(3, owned())];
+    let plain =
+        [Op::Static(3, false), Op::Enable(3, true), Op::FilterData(3, FilterData::default())];
     let mut scripts = Vec::new();
     for (flag, plain) in flags.into_iter().zip(plain) {
         for (says, is_first) in [(true, true), (false, true), (false, false)] {
@@ -428,6 +446,6 @@ fn kept_boxes_are_what_their_next_member_says() {
     plays_shared(AtEnd::Keep, scripts);
 }
 
-fn owned() -> Tag {
-    Tag::new(World(0), Owner(1), FilterId(0))
+fn owned() -> FilterData {
+    FilterData::new(World(0), Owner(1), FilterId(0))
 }

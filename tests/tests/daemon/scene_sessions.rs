@@ -1,11 +1,11 @@
-//! Scenes of sessions, kept by a daemon: where they are kept, limits, and daemons that die. What they tell is held to
+//! Scenes of sessions, kept by a daemon: where they are kept, limits, and daemons that die. What they report is held to
 //! the model.
 
-use pairmask::filters::{Filter, FilterId, FilterTable, Tag};
+use pairmask::filters::{Filter, FilterData, FilterId, FilterTable};
 use pairmask::{Scene, SceneOptions};
 use pairmask_core::scene::{Scene as CoreScene, SceneOptions as CoreOptions};
 use pairmask_tests::prelude::*;
-use pairmask_tests::scene_model::Heard;
+use pairmask_tests::scene_model::Received;
 use pairmask_wire::{ReplyError, StatusCode};
 use pairmaskd::scene::Random;
 
@@ -21,7 +21,7 @@ fn a_scene_moves_to_the_gpu_by_itself_and_its_answers_stay_right() {
     let daemon = TestDaemon::start(&["--gpu", "software"]);
     let mut session = daemon.connect();
     let options = CoreOptions::default().with_threads(1);
-    let mut scene = session.scene(options.into()).unwrap();
+    let mut scene = session.scene(pairmask::SceneOptions::default().with_threads(1)).unwrap();
     let mut here = CoreScene::new(options);
     let mut random = Random::new(7);
     // The engine of an answer that is read.
@@ -29,7 +29,7 @@ fn a_scene_moves_to_the_gpu_by_itself_and_its_answers_stay_right() {
         let boxes = crowds(count, &mut random);
         let [step] = sets_all(&boxes);
         let edit = Edit { steps: &[step] };
-        let reported = here.edit(edit, Report::Changes).map(Heard::from).unwrap();
+        let reported = here.edit(edit, Report::Changes).map(Received::from).unwrap();
         // A scene stays where it is while an answer is not read, and the next answer makes up for it.
         if !is_read {
             drop(scene.edit().step(step).submit(Report::Changes).unwrap());
@@ -38,7 +38,7 @@ fn a_scene_moves_to_the_gpu_by_itself_and_its_answers_stay_right() {
         let answer = scene.edit().step(step).commit(Report::Changes).unwrap();
         assert_eq!(answer.served_by(), ServedBy::Daemon);
         // Which engine of the cores searches a whole scene goes by what the daemon has measured of them.
-        assert!(Heard::from(&answer) == reported);
+        assert!(Received::from(&answer) == reported);
         here.acknowledge();
         Some(answer.engine())
     };
@@ -58,7 +58,7 @@ fn a_scene_that_is_only_asked_moves_to_the_gpu_and_reports_what_it_has_not_repor
     let daemon = TestDaemon::start(&["--gpu", "software"]);
     let mut session = daemon.connect();
     let options = CoreOptions::default().with_threads(1);
-    let mut scene = session.scene(options.into()).unwrap();
+    let mut scene = session.scene(pairmask::SceneOptions::default().with_threads(1)).unwrap();
     let mut here = CoreScene::new(options);
     let mut random = Random::new(8);
     let boxes = crowds(2_000, &mut random);
@@ -67,7 +67,7 @@ fn a_scene_that_is_only_asked_moves_to_the_gpu_and_reports_what_it_has_not_repor
     let mut expected = Vec::new();
     until("the scene moves to the GPU", || {
         let queries = crowds(1_500, &mut random);
-        here.query(&queries, QueryTags::None, &mut expected).unwrap();
+        here.query(&queries, QueryFilterData::None, &mut expected).unwrap();
         assert_eq!(scene.query(&queries).unwrap().to_vec(), expected);
         let answer = scene.edit().commit(Report::Nothing).unwrap();
         answer.engine() == EngineName::GpuGrid
@@ -75,7 +75,7 @@ fn a_scene_that_is_only_asked_moves_to_the_gpu_and_reports_what_it_has_not_repor
     here.edit(Edit::NONE, Report::Changes).unwrap();
     let answer = scene.edit().commit(Report::Changes).unwrap();
     assert_eq!(answer.engine(), EngineName::GpuGrid);
-    assert!(Heard::from(&answer) == Heard::from(here.reported()));
+    assert!(Received::from(&answer) == Received::from(here.reported()));
     assert!(answer.begun().len() > 1_000);
 }
 
@@ -117,7 +117,7 @@ fn outlive(edit: impl Fn(&mut Scene), check: impl Fn(&mut Session, &mut Scene)) 
     }
 }
 
-/// The first daemon learns of it with an edit that wants no changes, and dies with it.
+/// The first daemon learns of it with an edit that asks for no changes, and dies with it.
 #[test]
 fn a_resync_that_was_asked_for_outlives_the_daemon() {
     let edit = |scene: &mut Scene| {
@@ -139,7 +139,7 @@ fn a_resync_that_was_asked_for_outlives_the_daemon() {
 fn rules_without_boxes_outlive_the_daemon() {
     let apart = FilterTable::new(&[Filter::new(1, 2)]).unwrap();
     let edit = |scene: &mut Scene| {
-        let edit = scene.edit().exclude(&[[1, 2]], true).filters(&apart);
+        let edit = scene.edit().exclude(&[[1, 2]], true).filter_table(&apart);
         drop(edit.commit(Report::Changes).unwrap());
     };
     outlive(edit, |session, scene| {
@@ -148,8 +148,8 @@ fn rules_without_boxes_outlive_the_daemon() {
         let boxes = [at(0.0); 4];
         // Those of 3 and 4 have the first filter, which does not admit itself; the others are in no category of it.
         let pairs = eventually("the scene is answered", || {
-            let tags = [Tag::default().with_filter(FilterId(7)); 2];
-            let edit = scene.edit().set_all(1..5, &boxes).tag_all(1..3, &tags);
+            let filter_data = [FilterData::default().with_filter(FilterId(7)); 2];
+            let edit = scene.edit().set_all(1..5, &boxes).set_all_filters(1..3, &filter_data);
             Some(edit.commit(Report::All).ok()?.pairs().to_vec())
         });
         assert!(!pairs.contains(&[1, 2]) && !pairs.contains(&[3, 4]), "{pairs:?}");
@@ -215,7 +215,7 @@ fn a_daemon_without_room_refuses_and_the_client_answers() {
     assert_eq!((answer.served_by(), answer.begun().len()), (ServedBy::Daemon, 9));
     let all = scene.edit().set_all(0..10_000, &boxes).commit(Report::Changes).unwrap();
     assert_eq!(all.served_by(), ServedBy::InProcess);
-    assert!(all.is_resync(), "this process does not know what the daemon told");
+    assert!(all.is_resync(), "this process does not know what the daemon reported");
     assert_eq!(all.pairs().len(), 9_999);
     drop(all);
     let fewer = scene.edit().remove_all(5..10_000).commit(Report::Changes).unwrap();
@@ -236,7 +236,7 @@ fn a_scene_that_fills_more_than_half_of_the_room_moves_as_a_whole() {
 }
 
 #[test]
-fn a_daemon_forgets_a_scene_that_it_refused_when_the_client_does() {
+fn a_daemon_drops_a_scene_that_it_refused_when_the_client_does() {
     let daemon = TestDaemon::start(&["--gpu", "none", "--max-scene-mib", "1"]);
     let boxes: Vec<Aabb> = (0..10_000).map(|i| at(0.7 * i as f32)).collect();
     for backend in [Backend::Auto, Backend::Daemon] {

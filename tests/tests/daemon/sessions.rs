@@ -57,15 +57,13 @@ fn a_frame_is_taken_once_in_whichever_way() {
         let mut session = daemon.session().backend(backend).connect().unwrap();
         let mut submit = || {
             let mut frame = session.frame(boxes.len()).unwrap();
-            for (slot, b) in frame.raw_mut().iter_mut().zip(&boxes) {
-                *slot = (*b).into();
-            }
+            frame.boxes_mut().copy_from_slice(&boxes);
             frame.submit().unwrap()
         };
         let (mut first, mut second) = (submit(), submit());
         // The second is under way before the first is taken, and may be taken before it.
-        let waited = second.wait_timeout(PATIENCE).unwrap();
-        let tried = eventually("the first frame is there", || first.try_take().unwrap());
+        let waited = second.wait_timeout(TIMEOUT).unwrap();
+        let tried = eventually("the first frame is there", || first.try_receive().unwrap());
         for mask in [&waited, &tried] {
             assert_eq!(mask.sorted(), expected);
             assert_eq!(mask.count(), expected.len() as u64);
@@ -75,8 +73,8 @@ fn a_frame_is_taken_once_in_whichever_way() {
             assert!(mask.contains(a, b) && mask.contains(b, a) && !mask.contains(a, a));
             assert_eq!(mask.par_pairs().count() as u64, mask.count());
         }
-        assert!(matches!(first.try_take(), Err(Error::Taken)));
-        assert!(matches!(second.wait(), Err(Error::Taken)));
+        assert!(matches!(first.try_receive(), Err(Error::AlreadyReceived)));
+        assert!(matches!(second.wait(), Err(Error::AlreadyReceived)));
     }
 }
 
@@ -149,7 +147,7 @@ fn too_few_boxes_are_an_error() {
 }
 
 #[test]
-fn whatever_the_plan_chooses_the_pairs_are_the_same() {
+fn the_pairs_are_the_same_for_each_choice_of_the_plan() {
     let daemon = TestDaemon::start(&[]);
     let mut sessions = [daemon.connect(), frames::in_process()];
     for scene in stress_scenes::ALL {

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use pairmask::{AtEnd, EndReason, Margin, Pending, SceneOptions, Scope};
 use pairmask_tests::fault_client::FaultClient;
 use pairmask_tests::prelude::*;
-use pairmask_tests::scene_model::Heard;
+use pairmask_tests::scene_model::Received;
 use pairmaskd::scene::Random;
 
 use super::shared_scenes::{LONG, Member, found};
@@ -44,7 +44,7 @@ fn pairs_of_members_with_margins_are_near_ones() {
             }
             let answer = pending.wait().unwrap();
             if report == Report::Changes {
-                Heard::from(&answer).teach(known);
+                Received::from(&answer).teach(known);
                 all.push(known.iter().copied().collect());
             } else {
                 all.push(answer.pairs().to_vec());
@@ -112,7 +112,7 @@ fn members_commit_join_and_leave_side_by_side() {
                     let boxes = all_at(tick, &own);
                     let edit = member.scene.edit().set_all(own, &boxes);
                     let answer = edit.commit(Report::Changes).unwrap();
-                    Heard::from(&answer).teach(&mut member.known);
+                    Received::from(&answer).teach(&mut member.known);
                 }
                 member
             })
@@ -166,7 +166,7 @@ fn kill_writers(times: usize, at_end: AtEnd) {
         }
         let answer = next.commit(Report::Changes).unwrap();
         assert!(start.elapsed() < deadline + Duration::from_secs(2), "a tick is stuck");
-        Heard::from(&answer).teach(&mut member.known);
+        Received::from(&answer).teach(&mut member.known);
         let ended = answer.ended().collect::<Vec<_>>();
         drop(answer);
         (member.known.len(), ended, found(&mut member.scene, at(0.0)).len())
@@ -235,7 +235,7 @@ fn a_restarted_daemon_is_joined_again() {
             let second = other.scene.edit().set(12, at(x)).commit(Report::Changes);
             let answered = first.and_then(Pending::wait);
             if let Ok(second) = &second {
-                Heard::from(second).teach(&mut other.known);
+                Received::from(second).teach(&mut other.known);
             }
             match (answered, second) {
                 // A daemon that has just started may know one of them alone.

@@ -1,4 +1,4 @@
-//! Scenes that several sessions write: who is late or refused, and what it is told.
+//! Scenes that several sessions write: who is late or refused, and what it receives.
 #![allow(clippy::single_range_in_vec_init)] // Lists of ranges are meant.
 
 use std::collections::BTreeSet;
@@ -201,22 +201,22 @@ fn a_query_asks_for_what_the_last_tick_made() {
     assert_eq!(found(&mut one.scene, Aabb::new([0.0; 3], [20.0; 3])), [2, 3]);
 }
 
-fn hold_all_places(session: &mut Session) -> Vec<PairMask> {
+fn hold_all_slots(session: &mut Session) -> Vec<PairMask> {
     (0..3).map(|_| session.frame(4).unwrap().submit().unwrap().wait().unwrap()).collect()
 }
 
-/// For want of a place nothing has happened: the same edit can be made again.
+/// For need of a place nothing has happened: the same edit can be made again.
 #[test]
-fn an_edit_without_a_place_has_not_happened() {
+fn an_edit_without_a_slot_has_not_happened() {
     let daemon = TestDaemon::of_cores();
     let options = SceneOptions::default().with_tick_deadline(LONG).with_scope(Scope::All);
     let mut one = Member::join(&daemon, "unsent", 0..10, &options);
     let edit = one.scene.edit().set(1, at(0.0)).set(2, at(0.5));
     assert_eq!(edit.commit(Report::Changes).unwrap().pairs(), [[1, 2]]);
-    let places = hold_all_places(&mut one.session);
+    let slots = hold_all_slots(&mut one.session);
     let unsent = one.scene.edit().set(3, at(0.2)).remove(2).commit(Report::Changes).map(drop);
     assert!(matches!(unsent, Err(Error::TooManyFrames)), "{unsent:?}");
-    drop(places);
+    drop(slots);
     let answer = one.scene.edit().set(4, at(0.4)).commit(Report::Changes).unwrap();
     assert!(!answer.is_resync());
     assert_eq!(answer.begun(), [[1, 4], [2, 4]]);

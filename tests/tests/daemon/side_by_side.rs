@@ -92,7 +92,7 @@ fn small_frames_beside_ten_large_ones() -> u64 {
     let mut session = daemon.connect();
     scene.check(&mut session);
     let _greedy = start(&daemon, "greedy");
-    // The boxes that were answered tell the greedy client's frames from ours.
+    // The boxes that were answered distinguish the greedy client's frames from ours.
     let mut boxes = || {
         scene.check(&mut session);
         session.daemon_status().unwrap().boxes
@@ -111,7 +111,7 @@ fn small_frames_beside_ten_large_ones() -> u64 {
 /// Boxes of a greedy client's frame, as `fault_client` has it.
 const GREEDY_BOXES: u64 = 600_000;
 
-/// A frame that takes long, which its number of boxes does not tell, leaves a thread that answers the others: a client
+/// A frame that takes long, which its number of boxes does not show, leaves a thread that answers the others: a client
 /// of small frames gets many answers meanwhile, each time.
 #[test]
 fn a_pile_of_boxes_does_not_hold_up_small_frames() {

@@ -9,14 +9,14 @@ use pairmask_tests::prelude::*;
 use pairmask_tests::spheres::{check_mask, cull, hard_scene, truth, whole_scene};
 
 /// A session of a backend, and the side that must serve it.
-struct Lane {
+struct Setup {
     session: Session,
     encoding: Encoding,
     expected: ServedBy,
     what: String,
 }
 
-impl Lane {
+impl Setup {
     fn check(&mut self, spheres: &[Sphere], truth: &oracle::Truth) {
         let mask = served_by(self.expected, || cull(&mut self.session, spheres));
         let info: FrameInfo = *mask.info();
@@ -28,8 +28,8 @@ impl Lane {
     }
 }
 
-fn lanes(daemon: &TestDaemon) -> Vec<Lane> {
-    let mut lanes = Vec::new();
+fn setups(daemon: &TestDaemon) -> Vec<Setup> {
+    let mut setups = Vec::new();
     for (backend, expected) in [
         (Backend::Daemon, ServedBy::Daemon),
         (Backend::Auto, ServedBy::Daemon),
@@ -45,7 +45,7 @@ fn lanes(daemon: &TestDaemon) -> Vec<Lane> {
             for encoding in [Encoding::Dense, Encoding::Sparse] {
                 let builder = daemon.session().backend(backend).engine(engine);
                 let builder = builder.encoding(EncodingChoice::Only(encoding));
-                lanes.push(Lane {
+                setups.push(Setup {
                     session: builder.connect().unwrap(),
                     encoding,
                     expected,
@@ -54,7 +54,7 @@ fn lanes(daemon: &TestDaemon) -> Vec<Lane> {
             }
         }
     }
-    lanes
+    setups
 }
 
 fn daemon() -> TestDaemon {
@@ -65,7 +65,7 @@ fn daemon() -> TestDaemon {
 #[test]
 fn scenes_by_every_backend_engine_and_encoding() {
     let daemon = daemon();
-    let mut lanes = lanes(&daemon);
+    let mut setups = setups(&daemon);
     let of = |spheres: Vec<Sphere>| {
         let truth = truth(&spheres);
         (spheres, truth)
@@ -76,20 +76,20 @@ fn scenes_by_every_backend_engine_and_encoding() {
     let large = [(1234, 40), (5000, 60)].map(|(n, side)| whole_scene(n, side, 3));
     assert!(large.iter().all(|(spheres, truth)| truth.pairs.len() > spheres.len() / 2));
     for (spheres, truth) in sizes.chain(borders).chain(large) {
-        for lane in &mut lanes {
-            lane.check(&spheres, &truth);
+        for setup in &mut setups {
+            setup.check(&spheres, &truth);
         }
     }
     // More bytes than the session's first segment holds, and words for several tasks.
     let many: Vec<Sphere> =
         (0..150_000).map(|i| Sphere::new([(i % 400) as f32, (i / 400) as f32, 0.0], 0.5)).collect();
-    for lane in &mut lanes {
-        if lane.encoding == Encoding::Dense || lane.what.contains("cpu-brute") {
+    for setup in &mut setups {
+        if setup.encoding == Encoding::Dense || setup.what.contains("cpu-brute") {
             continue;
         }
         // Each touches the next in its row and in its column.
-        let mask = cull(&mut lane.session, &many);
-        assert_eq!(mask.count(), 399 * 375 + 400 * 374, "{}", lane.what);
+        let mask = cull(&mut setup.session, &many);
+        assert_eq!(mask.count(), 399 * 375 + 400 * 374, "{}", setup.what);
         assert!(mask.contains(0, 1) && mask.contains(0, 400) && !mask.contains(0, 401));
         assert!(!mask.contains(399, 400), "the next row begins elsewhere");
     }
@@ -110,7 +110,7 @@ fn the_comparator_notices_an_ulp_and_a_class() {
     assert_eq!(verdict(&less, &less), Ok(()));
     assert_eq!(verdict(&touching, &less), Err(Mismatch::Extra([0, 1])));
     assert_eq!(verdict(&less, &touching), Err(Mismatch::Missing([0, 1])));
-    // Only the census tells spheres that touch no other from empty and invalid ones.
+    // Only the census distinguishes spheres that touch no other from empty and invalid ones.
     let apart = |radius| vec![Sphere::new([0.0; 3], 1.0), Sphere::new([9.0, 0.0, 0.0], radius)];
     for wrong in [-1.0, f32::NAN] {
         let verdict = verdict(&apart(1.0), &apart(wrong));
@@ -132,9 +132,7 @@ fn boxes_and_spheres_may_be_under_way_at_once() {
             let mut second = session.sphere_frame(spheres.len()).unwrap();
             assert_eq!(second.is_shared(), backend == Backend::Daemon);
             first.boxes_mut().copy_from_slice(&boxes);
-            for (slot, s) in second.raw_mut().iter_mut().zip(&spheres) {
-                *slot = [s.center[0], s.center[1], s.center[2], s.radius];
-            }
+            second.spheres_mut().copy_from_slice(&spheres);
             assert_eq!(second.spheres(), &spheres[..]);
             let (first, second) = (first.submit().unwrap(), second.submit().unwrap());
             let (second, first) = (second.wait().unwrap(), first.wait().unwrap());

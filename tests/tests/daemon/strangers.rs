@@ -16,7 +16,7 @@ use rustix::process::{Pid, kill_process};
 
 const NOBODY: u32 = 65_534;
 
-/// Checks that [`Backend::Auto`] answers at once in process, whatever is wrong with the files.
+/// Checks that [`Backend::Auto`] answers at once in process, regardless of what is wrong with the files.
 fn check_auto(daemon: &TestDaemon, what: &str) {
     let start = Instant::now();
     let mask = daemon.connect_auto().answer(&[Aabb::from([0.0; 6]); 2]);
@@ -30,7 +30,7 @@ fn set_mode(path: &Path, mode: u32) {
     fs::set_permissions(path, Permissions::from_mode(mode)).unwrap();
 }
 
-fn places(daemon: &TestDaemon) -> [PathBuf; 4] {
+fn paths(daemon: &TestDaemon) -> [PathBuf; 4] {
     let name = InstanceName::default();
     let root = daemon.dir().transport_root(&name);
     let file = |name| daemon.path().join(name);
@@ -48,7 +48,7 @@ fn check_refused(daemon: &TestDaemon, path: &Path, is_named: impl Fn(&ConnectErr
 fn what_others_may_write_to_is_not_used_by_a_client() {
     let daemon = TestDaemon::of_cores();
     drop(daemon.connect());
-    for path in places(&daemon) {
+    for path in paths(&daemon) {
         let mode = fs::metadata(&path).unwrap().mode() & 0o7777;
         for open in [0o020, 0o002] {
             set_mode(&path, mode | open);
@@ -66,7 +66,7 @@ fn what_others_may_write_to_is_not_used_by_a_client() {
 #[test]
 fn links_are_not_followed_by_a_client() {
     let daemon = TestDaemon::of_cores();
-    for path in places(&daemon) {
+    for path in paths(&daemon) {
         // Beside it, so that a directory with others' links in it is moved as a whole.
         let moved = path.with_extension("moved");
         fs::rename(&path, &moved).unwrap();
@@ -89,7 +89,7 @@ fn what_another_user_owns_is_not_used_by_a_client() {
     }
     let daemon = TestDaemon::of_cores();
     let shared = daemon.shared_files();
-    let own = [places(&daemon).to_vec(), vec![shared[0].clone()]].concat();
+    let own = [paths(&daemon).to_vec(), vec![shared[0].clone()]].concat();
     for path in own {
         chown(&path, Some(NOBODY), None).unwrap();
         check_refused(&daemon, &path, |error| {
@@ -131,7 +131,7 @@ fn not_without_root() {
 }
 
 #[test]
-fn a_daemon_refuses_places_that_others_may_change() {
+fn a_daemon_refuses_directories_that_others_may_change() {
     let name = InstanceName::default();
     let acquire = |path: &Path| InstanceLock::acquire(&RuntimeDir::at(path), &name);
     // A daemon that another test starts holds what this process holds until it runs its own program.

@@ -61,12 +61,12 @@ fn a_crowd_is_answered_as_by_the_cores_or_refused() {
     }
 }
 
-/// Whether a GPU told what the cores tell. Else it refused.
-fn is_told(both: &mut BesideCore, step: Step<'_>, report: Report) -> bool {
+/// Whether a GPU reported what the cores report. Else it refused.
+fn is_reported(both: &mut BesideCore, step: Step<'_>, report: Report) -> bool {
     match both.try_edit(&[step], report) {
         Err(SceneError::Cull(CullError::TooCrowded { .. })) => false,
-        told => {
-            told.expect("an answer");
+        reported => {
+            reported.expect("an answer");
             true
         }
     }
@@ -78,15 +78,15 @@ fn a_scene_that_is_crowded_reports_what_the_cores_report_or_nothing() {
     let has_no_limit = tools.gpu().limits().thread_rounds == u32::MAX;
     let (boxes, both) = (needles(MANY), || BesideCore::new(std::slice::from_ref(&tools)));
     let mut few = both();
-    assert!(is_told(&mut few, sets(0..FEW as u32, &boxes[..FEW]), Report::Changes));
-    assert!(is_told(&mut few, sets(7..47, &boxes[FEW..FEW + 40]), Report::Changes));
+    assert!(is_reported(&mut few, sets(0..FEW as u32, &boxes[..FEW]), Report::Changes));
+    assert!(is_reported(&mut few, sets(7..47, &boxes[FEW..FEW + 40]), Report::Changes));
     let all = sets(0..MANY as u32, &boxes);
-    assert_eq!(is_told(&mut both(), all, Report::Changes), has_no_limit);
+    assert_eq!(is_reported(&mut both(), all, Report::Changes), has_no_limit);
     // Few rows beside many, and one at a time.
     let mut many = both();
-    assert!(is_told(&mut many, all, Report::Nothing));
+    assert!(is_reported(&mut many, all, Report::Nothing));
     let some = sets(5..20_005, &boxes[..20_000]);
-    assert_eq!(is_told(&mut many, some, Report::Moved), has_no_limit);
+    assert_eq!(is_reported(&mut many, some, Report::Moved), has_no_limit);
 }
 
 #[test]
@@ -100,7 +100,7 @@ fn queries_of_a_crowd_find_what_the_cores_find_or_nothing() {
     for (count, is_answered) in [(50, true), (20_000, has_no_limit)] {
         let queries = needles(count);
         let mut found = Vec::new();
-        match gpu.query(&queries, QueryTags::None, &mut found) {
+        match gpu.query(&queries, QueryFilterData::None, &mut found) {
             Ok(_) if is_answered => {
                 let all = (0..).zip(&queries).flat_map(|(query, a)| {
                     let met = (0..).zip(&boxes).filter(|(_, b)| a.overlaps(b));

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use bytemuck::{Pod, Zeroable, bytes_of};
 use pairmask_core::aabb::KeyBox;
-use pairmask_shaders::constants::{BATCH_BOXES, NO_LEVEL, PADDING, PARKED};
+use pairmask_shaders::constants::{BATCH_BOXES, NO_LEVEL, PADDING, UNPLACED_A_CELL};
 use pairmask_shaders::layouts::{BatchReport, BatchTotals, GridLayout, GridTotals, KeysParams};
 use pairmask_shaders::{Found, GridStage, Rules, Stage};
 use pairmask_tests::gpu::{self, open};
@@ -19,7 +19,7 @@ use pairmaskd::execute::gpu::{
 };
 
 /// A watchdog, no measure of speed.
-const PATIENCE: Duration = Duration::from_secs(120);
+const TIMEOUT: Duration = Duration::from_secs(120);
 
 #[derive(Clone, Debug, PartialEq)]
 struct Seen {
@@ -88,7 +88,7 @@ impl Bench {
         let step = Command::Stage { pipeline, parts, immediates, groups: [groups, 1] };
         let mut frame = Frame::new(&self.gpu, false).expect("a frame");
         frame.record(vec![step]).expect("records");
-        frame.run(PATIENCE).expect("ends");
+        frame.run(TIMEOUT).expect("ends");
     }
 
     /// The output of the stage `keys`.
@@ -126,7 +126,7 @@ impl Bench {
     fn cells(&mut self, boxes: BoxSlice<'_>) -> Seen {
         let n = boxes.len() as u32;
         let sizes = Sizes::of(BoxCount::new(n));
-        let first_nothing = n / PARKED + 1;
+        let first_nothing = n / UNPLACED_A_CELL + 1;
         let layout =
             GridLayout { first_nothing, cell_end: 2 * first_nothing, ..GridLayout::zeroed() };
         let layout = self.holding(bytes_of(&layout), size_of::<GridLayout>() as u64);
@@ -139,7 +139,7 @@ impl Bench {
             .chain([&layout, &table, &control, &records, &totals, &invalid].map(Part::whole))
             .collect();
         let stage = Stage::Grid(GridStage::Cells(boxes.form(), Rules::Without));
-        let capacity = Capacity { found: Found::Words, items: 1 };
+        let capacity = Capacity { found: Found::Words, entries: 1 };
         self.run(stage, parts, &sizes.params(capacity, u32::MAX), sizes.batches);
         let records: Vec<[i32; 4]> = read(&records, 2 * sizes.plane() as usize);
         let totals: Vec<GridTotals> = read(&totals, sizes.batches as usize);
@@ -149,9 +149,10 @@ impl Bench {
             .map(|(a, b)| KeyBox { min: [a[0], a[1], a[2]], max: [a[3], b[0], b[1]] })
             .collect();
         for (i, home) in second.iter().enumerate().take(n as usize) {
-            let place = i as u32 / PARKED;
+            let position = i as u32 / UNPLACED_A_CELL;
             let is_nothing = keys[i] == KeyBox::NOTHING;
-            let expected = if is_nothing { (first_nothing + place, NO_LEVEL) } else { (place, 0) };
+            let expected =
+                if is_nothing { (first_nothing + position, NO_LEVEL) } else { (position, 0) };
             assert_eq!((home[2] as u32, home[3] as u32 >> 24), expected, "home of box {i}");
         }
         let seen = Seen {
@@ -206,10 +207,10 @@ fn patterns(form: BoxForm) -> Vec<[u32; 6]> {
         BoxForm::F16 | BoxForm::Q16 => (0..=0xffff).collect(),
         BoxForm::Q8 => (0..=0xff).collect(),
     };
-    for place in 0..6 {
+    for position in 0..6 {
         patterns.extend(everywhere.iter().map(|number| {
             let mut bits = all;
-            bits[place] = *number;
+            bits[position] = *number;
             bits
         }));
     }

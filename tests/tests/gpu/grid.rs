@@ -34,9 +34,9 @@ pub(crate) fn check_mirrored(
     let order = order.expect("a grid has an order");
     // Not `assert_eq`, which would print thousands of numbers.
     assert!(order.of(reply.words()) == Some(&mirrored.order[..]), "{what}: order");
-    for (section, place) in [rows, blocks, bits].into_iter().zip(0..) {
-        let expected: Vec<u32> = mirrored.words.iter().map(|word| word[place]).collect();
-        assert!(section.of(reply.words()) == Some(&expected[..]), "{what}: section {place}");
+    for (section, slot) in [rows, blocks, bits].into_iter().zip(0..) {
+        let expected: Vec<u32> = mirrored.words.iter().map(|word| word[slot]).collect();
+        assert!(section.of(reply.words()) == Some(&expected[..]), "{what}: section {slot}");
     }
     let compared =
         |report: &CullReport| BoxCount::new(n as u32).pair_count() - report.skipped.pairs;

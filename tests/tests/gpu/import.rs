@@ -143,8 +143,8 @@ fn narrow_boxes_are_read_from_imported_memory() {
     let last = 256 * PAGE - 2 - 213 * BoxForm::Q8.box_bytes();
     assert!(last.is_multiple_of(256));
     let mut reply = HeapReply::new();
-    let places = [(2, 0), (33, PAGE), (345, 256), (1233, 3 * PAGE), (213, last), (5, PAGE + 6)];
-    for (n, offset) in places {
+    let slots = [(2, 0), (33, PAGE), (345, 256), (1233, 3 * PAGE), (213, last), (5, PAGE + 6)];
+    for (n, offset) in slots {
         let scene = stress_scenes::named("empty mixed in").boxes(n, 3);
         let bounds = Bounds::around(&scene);
         for precision in [Precision::Q8(bounds), Precision::Q16(bounds), Precision::F16] {
@@ -163,13 +163,13 @@ fn narrow_boxes_are_read_from_imported_memory() {
 }
 
 #[test]
-fn a_forgotten_import_is_staged_and_memory_at_the_same_address_is_read_anew() {
+fn a_dropped_import_is_staged_and_memory_at_the_same_address_is_read_anew() {
     let mut engine = engine(EngineOptions::default());
-    let segment = Segment::new("forgotten", 16 * PAGE);
+    let segment = Segment::new("discarded", 16 * PAGE);
     let id = imported(&mut engine, &segment);
     for seed in [1, 2] {
         check(&mut engine, &segment, 0, seed);
-        engine.forget(id);
+        engine.discard(id);
     }
 }
 

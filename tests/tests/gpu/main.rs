@@ -1,4 +1,4 @@
-//! Whatever a GPU computes, on lavapipe or on the GPUs that `PAIRMASK_TEST_GPU` names; fails without an adapter.
+//! All that a GPU computes, on lavapipe or on the GPUs that `PAIRMASK_TEST_GPU` names; fails without an adapter.
 #![allow(clippy::unwrap_used)]
 
 mod bundles;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use pairmask_core::dispatch::{Marks, WorldRange};
-use pairmask_core::filters::{Rules, Tag, World};
+use pairmask_core::filters::{FilterData, Rules, World};
 use pairmask_tests::filtered_frames::{FilteredFrame, KINDS};
 use pairmask_tests::gpu;
 use pairmask_tests::prelude::*;
@@ -47,7 +47,7 @@ fn check_ranges(rules: &Rules, marks: &Marks, ranges: &[WorldRange], list: &[[u3
         assert_eq!(range.pairs.start, next, "side by side");
         next = range.pairs.end;
         for index in list[range.pairs.clone()].as_flattened() {
-            assert_eq!(rules.tag(*index).world, range.world);
+            assert_eq!(rules.filter_data(*index).world, range.world);
         }
     }
     assert!(ranges.is_empty() || next == list.len());
@@ -62,7 +62,8 @@ fn scenes_of_every_kind_in_several_worlds() {
             let boxes = scene.boxes(n, turn);
             let mut rules = Rules::default();
             let world = |at: u32| World((at * 7 % worlds) as i32 * 3);
-            rules.tags = (0..n).map(|at| Tag::default().with_world(world(at))).collect();
+            rules.filter_data =
+                (0..n).map(|at| FilterData::default().with_world(world(at))).collect();
             let marks = Arc::new(Marks::of(&rules, boxes.len(), 1).expect("worlds alone"));
             let mut expected = oracle::truth(&boxes).pairs;
             expected.retain(|[a, b]| rules.meet(*a, *b));
@@ -80,8 +81,8 @@ fn scenes_of_every_kind_in_several_worlds() {
 fn worlds_too_small_or_uneven_get_no_grid() {
     let marks = |world: &dyn Fn(usize) -> usize, n| {
         let mut rules = Rules::default();
-        let tag = |at| Tag::default().with_world(World(world(at) as i32));
-        rules.tags = (0..n).map(tag).collect();
+        let filter_data = |at| FilterData::default().with_world(World(world(at) as i32));
+        rules.filter_data = (0..n).map(filter_data).collect();
         Marks::of(&rules, n, 1).expect("worlds alone")
     };
     assert!(takes_worlds(&marks(&|at| at / 8, 800), 800));
@@ -95,7 +96,8 @@ fn worlds_too_small_or_uneven_get_no_grid() {
 fn a_list_without_room_is_found_again_with_room_for_all() {
     let mut grid = grid();
     let mut rules = Rules::default();
-    rules.tags = (0..400).map(|at| Tag::default().with_world(World(at % 2))).collect();
+    rules.filter_data =
+        (0..400).map(|at| FilterData::default().with_world(World(at % 2))).collect();
     let boxes = vec![Aabb::new([0.0; 3], [1.0; 3]); 400];
     let marks = Arc::new(Marks::of(&rules, boxes.len(), 1).expect("worlds alone"));
     // Two pairs a box is what a first frame has room for.
@@ -114,7 +116,7 @@ fn crowded_worlds_are_refused() {
     let mut grid = grid();
     let n = 280_000;
     let mut rules = Rules::default();
-    rules.tags = (0..n).map(|at| Tag::default().with_world(World(at % 2))).collect();
+    rules.filter_data = (0..n).map(|at| FilterData::default().with_world(World(at % 2))).collect();
     let everywhere = Aabb::new([f32::NEG_INFINITY; 3], [f32::INFINITY; 3]);
     let mut boxes = vec![everywhere; n as usize];
     // The other world is an easy one.

@@ -1,5 +1,5 @@
 //! Scenes in video memory that several devices keep, of which one is lost between edits and during them: they go on
-//! without it, and no answer is lost. What a session is told whose daemon loses its only device is in `isolated`.
+//! without it, and no answer is lost. What a session receives whose daemon loses its only device is in `isolated`.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -8,7 +8,7 @@ use pairmask_core::scene::Scene;
 use pairmask_tests::gpu::{self, shared_tools};
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{BesideCore, Edits, Grouped};
-use pairmaskd::execute::SceneKeeper;
+use pairmaskd::execute::SceneHost;
 use pairmaskd::execute::gpu::GpuScene;
 use pairmaskd::scene::Random;
 
@@ -38,8 +38,9 @@ fn a_shared_scene_goes_on_without_one_of_its_devices() {
             both.acknowledge();
             if random.below(3) == 0 {
                 let BesideCore { core, gpu } = &mut both;
-                core.query(&queries, QueryTags::None, &mut expected).expect("an answer");
-                gpu.query(&queries, QueryTags::None, &mut found).expect("another device has it");
+                core.query(&queries, QueryFilterData::None, &mut expected).expect("an answer");
+                gpu.query(&queries, QueryFilterData::None, &mut found)
+                    .expect("another device has it");
                 assert_eq!(found, expected, "round {round}");
             }
         }
@@ -65,13 +66,13 @@ fn a_shared_scene_ends_with_the_last_of_its_devices() {
 /// Large scenes are on all GPUs of a daemon, small ones on one.
 #[test]
 #[ignore = "slow: the nightly tier runs it"]
-fn a_keeper_shares_large_scenes() {
+fn a_scene_host_shares_large_scenes() {
     let executor = gpu::executor(2);
     for (n, gpus) in [(1_000u32, 1), (1_000_000, 2)] {
         let boxes = stress_scenes::named("uniform").boxes(n, 5);
         let engine = EngineChoice::Only(EngineName::GpuGrid);
         let (options, share) = (SceneOptions::default(), executor.gpus().for_scene());
-        let mut scene = SceneKeeper::new(options, CpuEngines::new(), share, engine).expect("a GPU");
+        let mut scene = SceneHost::new(options, CpuEngines::new(), share, engine).expect("a GPU");
         let mut core = Scene::new(options);
         let all = [sets(0..n, &boxes)];
         let few = [sets(5..n / 100, &boxes[10..n as usize / 100 + 5])];

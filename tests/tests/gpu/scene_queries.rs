@@ -64,7 +64,7 @@ fn check_all_ways(scene: &mut GpuScene, boxes: &[Aabb], queries: &[Aabb], what: 
     let few = &queries[..queries.len().min(boxes.len() / 32)];
     let mut found = Vec::new();
     for (turn, queries) in [few, queries, queries, few].into_iter().enumerate() {
-        scene.query(queries, QueryTags::None, &mut found).expect("an answer");
+        scene.query(queries, QueryFilterData::None, &mut found).expect("an answer");
         let right = found == expected(queries, boxes);
         assert!(right, "{what}, {} queries, turn {turn}", queries.len());
     }
@@ -121,12 +121,12 @@ fn queries_find_no_more_pairs_than_may_be() {
         let count = right.iter().filter(|[query, _]| (*query as usize) < queries.len()).count();
         scene.limit_query_pairs(count as u64 - 1);
         for _ in 0..2 {
-            let refused = scene.query(queries, QueryTags::None, &mut found);
+            let refused = scene.query(queries, QueryFilterData::None, &mut found);
             assert!(matches!(refused, Err(QueryError::Cull(CullError::Reserve(_)))), "{refused:?}");
             assert!(found.is_empty());
         }
         scene.limit_query_pairs(count as u64);
-        scene.query(queries, QueryTags::None, &mut found).expect("an answer");
+        scene.query(queries, QueryFilterData::None, &mut found).expect("an answer");
         assert!(found == right[..count]);
     }
 }
@@ -143,7 +143,7 @@ fn queries_of_several_submissions_are_numbered_on() {
         queries[at] = boxes[at % boxes.len()];
     }
     let mut found = Vec::new();
-    scene.query(&queries, QueryTags::None, &mut found).expect("an answer");
+    scene.query(&queries, QueryFilterData::None, &mut found).expect("an answer");
     assert!(found == expected(&queries, &boxes));
     assert!(found.len() >= 5);
 }
@@ -155,7 +155,7 @@ fn a_query_on_a_lost_device_is_an_error() {
     let mut scene = scene_of(&tools, &boxes);
     let mut found = vec![[7; 2]];
     tools.gpu().destroy();
-    let lost = scene.query(&boxes, QueryTags::None, &mut found);
+    let lost = scene.query(&boxes, QueryFilterData::None, &mut found);
     assert!(matches!(lost, Err(QueryError::Cull(CullError::DeviceLost { .. }))), "{lost:?}");
     assert!(found.is_empty());
 }

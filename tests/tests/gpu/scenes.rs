@@ -6,7 +6,7 @@ use pairmask_core::scene::{EditError, Indices};
 use pairmask_tests::gpu::{scene_tools, shared_tools};
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{
-    Bare, BesideCore, CoreScene, Heard, Kind, Subject, Turn, hold_without_rules, options,
+    Bare, BesideCore, CoreScene, Kind, Received, Subject, Turn, hold_without_rules, options,
 };
 use pairmaskd::execute::gpu::{Checks, EngineOptions, GpuScene, SceneTools};
 
@@ -51,14 +51,14 @@ struct Moving<'t> {
 }
 
 impl Subject for Moving<'_> {
-    fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Heard>)>, String> {
+    fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Received>)>, String> {
         self.core.tick(turns)?;
         let reported = self.gpu.tick(turns)?;
         self.edits += 1;
         if self.edits.is_multiple_of(5)
-            && let Some(kept) = self.core.scene.kept()
+            && let Some(snapshot) = self.core.scene.snapshot()
         {
-            let made = GpuScene::from_kept(self.tools, SceneOptions::default(), &kept);
+            let made = GpuScene::from_snapshot(self.tools, SceneOptions::default(), &snapshot);
             self.gpu = Bare::of(made.map_err(|error| error.to_string())?);
         }
         Ok(reported)
@@ -112,7 +112,7 @@ fn check_hard_scenes(tools: &[Arc<SceneTools>], sizes: &[u32]) {
                 sets(0..n, &other),
                 sets(0..n, &boxes),
                 Step::Remove((&few).into()),
-                Step::Switch((0..0).into(), true),
+                Step::Enable((0..0).into(), true),
             ];
             for (number, step) in steps.into_iter().enumerate() {
                 for report in [Report::Changes, Report::All, Report::Moved] {
@@ -125,7 +125,7 @@ fn check_hard_scenes(tools: &[Arc<SceneTools>], sizes: &[u32]) {
     }
 }
 
-/// Records grow past 4,096 indices, and shrink, with all that was told and what has not been.
+/// Records grow past 4,096 indices, and shrink, with all that was reported and what has not been.
 #[test]
 fn a_scene_grows_and_shrinks() {
     let mut both = BesideCore::new(&[tools()]);
@@ -135,7 +135,7 @@ fn a_scene_grows_and_shrinks() {
             let boxes = uniform.boxes(target, u64::from(target + round));
             let report = if round == 1 { Report::Moved } else { Report::Changes };
             both.become_boxes(&boxes, report, &format!("{target} boxes"));
-            // What a size was reached by is told together with what follows.
+            // What a size was reached by is reported together with what follows.
             if round > 0 {
                 both.acknowledge();
             }
@@ -249,7 +249,7 @@ fn wrong_edits_are_refused_as_by_the_core_and_change_nothing() {
         &[sets(&[1], &one), sets(1..2, &one)],
         &[Step::Remove((&[3]).into())],
         &[Step::Remove((&[1, 1]).into())],
-        &[Step::Remove((&[1]).into()), Step::Switch((&[1]).into(), false)],
+        &[Step::Remove((&[1]).into()), Step::Enable((&[1]).into(), false)],
         &[sets(&[0], &one), Step::Static((&[50]).into(), true)],
         &[sets(&[9], &one), Step::Static((&[8]).into(), true)],
         &[Step::Remove((&[7, 8, 0]).into())],
@@ -260,7 +260,7 @@ fn wrong_edits_are_refused_as_by_the_core_and_change_nothing() {
         let refused = both.gpu.edit(Edit { steps }, Report::Changes).map(drop);
         assert_eq!(refused, expected, "case {number}");
         assert_eq!(both.gpu.len(), 3);
-        let [ours, theirs] = [both.gpu.reported(), both.core.reported()].map(Heard::from);
+        let [ours, theirs] = [both.gpu.reported(), both.core.reported()].map(Received::from);
         assert_eq!(ours, theirs, "the last answer stays");
     }
     // A refused edit leaves the last answer to be taken.

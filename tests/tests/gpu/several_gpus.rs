@@ -20,12 +20,12 @@ fn sessions_have_homes_on_each_gpu_in_turn() {
     let model = executor(2);
     let boxes = stress_scenes::named("uniform").boxes(500, 1);
     let options = culled_by(EngineName::GpuGrid);
-    let places: Vec<usize> = (0..4)
-        .map(|_| model.beside().plan(BoxSlice::from(&boxes), &options, u64::MAX).gpu_place())
+    let slots: Vec<usize> = (0..4)
+        .map(|_| model.beside().plan(BoxSlice::from(&boxes), &options, u64::MAX).gpu_index())
         .collect();
-    assert_eq!(places.iter().filter(|place| **place == 0).count(), 2, "{places:?}");
-    assert_eq!((places[0], places[1]), (places[2], places[3]), "{places:?}");
-    assert_ne!(places[0], places[1]);
+    assert_eq!(slots.iter().filter(|slot| **slot == 0).count(), 2, "{slots:?}");
+    assert_eq!((slots[0], slots[1]), (slots[2], slots[3]), "{slots:?}");
+    assert_ne!(slots[0], slots[1]);
 }
 
 #[test]
@@ -33,9 +33,9 @@ fn a_frame_behind_another_takes_the_gpu_that_is_free() {
     let _alone = alone();
     let mut executor = executor(2);
     let boxes = stress_scenes::named("uniform").boxes(33_001, 3);
-    let (first, first_place, _) = begin(&mut executor, 1, &boxes, &Precision::Exact);
-    let (second, second_place, _) = begin(&mut executor, 1, &boxes, &Precision::Exact);
-    assert_ne!(first_place, second_place);
+    let (first, first_index, _) = begin(&mut executor, 1, &boxes, &Precision::Exact);
+    let (second, second_index, _) = begin(&mut executor, 1, &boxes, &Precision::Exact);
+    assert_ne!(first_index, second_index);
     let [(one, words), (other, same)] = [first, second].map(|frame| end(&mut executor, frame));
     assert_eq!([one.engine, other.engine], [EngineName::GpuGrid; 2]);
     assert_eq!(one.report.shape, other.report.shape);
@@ -45,7 +45,7 @@ fn a_frame_behind_another_takes_the_gpu_that_is_free() {
     assert!(found == pairs_by_cpu(&boxes, &Precision::Exact), "{} pairs", found.len());
     // Both are free again: the home has it.
     let (_, again, _) = begin(&mut executor, 1, &boxes, &Precision::Exact);
-    assert_eq!(again, first_place);
+    assert_eq!(again, first_index);
 }
 
 #[test]
@@ -54,8 +54,8 @@ fn a_frame_whose_gpu_is_lost_under_way_is_answered_by_the_other() {
     let mut executor = executor(2);
     let boxes = stress_scenes::named("ground plane").boxes(33_001, 3);
     let expected = pairs_by_cpu(&boxes, &Precision::Exact);
-    let (frame, place, _) = begin(&mut executor, 1, &boxes, &Precision::Exact);
-    let lost = executor.gpus().device(place);
+    let (frame, slot, _) = begin(&mut executor, 1, &boxes, &Precision::Exact);
+    let lost = executor.gpus().device(slot);
     lost.expect("its device").destroy();
     let (answer, words) = end(&mut executor, frame);
     assert!(answer.engine.is_gpu(), "by {}", answer.engine);
@@ -89,14 +89,14 @@ fn devices_are_lost_under_load(rounds: usize) {
         let engines = [1, 2].map(|id| (id, model.beside()));
         let clients = engines.map(|(id, engines)| scope.spawn(move || client(id, engines)));
         for round in 0..rounds {
-            let place = round % 2;
+            let slot = round % 2;
             let began = Instant::now();
             // One is there at any time: the one that was lost before is back first.
             let device = loop {
                 let devices = [0, 1].map(|at| model.gpus().device(at));
                 let all_there = model.gpus().iter().all(|gpu| gpu.is_there());
                 if let ([Some(first), Some(second)], true) = (devices, all_there) {
-                    break if place == 0 { first } else { second };
+                    break if slot == 0 { first } else { second };
                 }
                 if began.elapsed() > Duration::from_secs(120) || stops(&clients) {
                     stop.store(true, Ordering::Relaxed);

@@ -183,7 +183,7 @@ fn a_few_hard_spheres_are_exact_by_all_pairs() {
 }
 
 /// A software adapter decides a few spheres by all pairs, and no engine of it answers for others; a GPU takes
-/// all. Whoever leaves the choice to the daemon is always answered.
+/// all. A client that leaves the choice to the daemon is always answered.
 #[test]
 fn a_software_adapter_gets_what_it_decides() {
     let name = gpu::name();

@@ -1,5 +1,5 @@
 //! Frames under way on a GPU own their memory: it is given back when the GPU is done and not
-//! before, whatever is dropped, lost or forgotten meanwhile.
+//! before, regardless of what is dropped or lost meanwhile.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -189,16 +189,16 @@ fn a_frame_of_another_engine_is_given_up() {
 
 /// Two places: a bundle takes one, as a frame does.
 #[test]
-fn frames_that_are_forgotten_keep_their_memory_and_their_workspace() {
+fn frames_that_are_dropped_keep_their_memory_and_their_workspace() {
     for (frames, is_bundle) in [(1, false), (3, true)] {
         let mut rig = Rig::new();
         let mut tokens = Vec::new();
-        for place in 0..2 {
+        for slot in 0..2 {
             for (frame, _, token) in rig.begin(frames, is_bundle) {
                 std::mem::forget(frame);
                 tokens.push(token);
             }
-            if place == 0 {
+            if slot == 0 {
                 rig.serves();
             }
         }

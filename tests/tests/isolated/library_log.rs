@@ -115,7 +115,7 @@ impl Log for CapturedLines {
     fn flush(&self) {}
 }
 
-/// Captures the library's log lines of this level and above from now on, and forgets those of before. A process has
+/// Captures the library's log lines of this level and above from now on, and drops those of before. A process has
 /// one log: tests that look at it run one after the other.
 pub(crate) fn capture(level: LevelFilter) {
     static INSTALLED: Once = Once::new();

@@ -1,5 +1,5 @@
 //! A scene of a session that a daemon keeps in video memory, whose device is lost between edits and during
-//! them: what the client was told adds up to the pairs of now, and it sends nothing again itself.
+//! them: what the client received adds up to the pairs of now, and it sends nothing again itself.
 //!
 //! The daemon's worker is a thread of this process, because only a process that has a device can lose it.
 
@@ -28,16 +28,16 @@ fn note_device(gpu: &Arc<Gpu>) {
 }
 
 /// Whether devices may be opened.
-static GATE: (Mutex<bool>, Condvar) = (Mutex::new(false), Condvar::new());
+static BARRIER: (Mutex<bool>, Condvar) = (Mutex::new(false), Condvar::new());
 
-fn wait_at_gate(_: &Arc<Gpu>) {
-    let is_open = GATE.0.lock().unwrap_or_else(PoisonError::into_inner);
-    drop(GATE.1.wait_while(is_open, |is_open| !*is_open));
+fn wait_at_barrier(_: &Arc<Gpu>) {
+    let is_open = BARRIER.0.lock().unwrap_or_else(PoisonError::into_inner);
+    drop(BARRIER.1.wait_while(is_open, |is_open| !*is_open));
 }
 
-fn open_gate() {
-    *GATE.0.lock().unwrap_or_else(PoisonError::into_inner) = true;
-    GATE.1.notify_all();
+fn open_barrier() {
+    *BARRIER.0.lock().unwrap_or_else(PoisonError::into_inner) = true;
+    BARRIER.1.notify_all();
 }
 
 fn newest_device() -> Option<Arc<Gpu>> {
@@ -134,7 +134,7 @@ fn a_session_outlives_losses_of_the_daemons_device() {
     worker.stop();
 }
 
-/// Frames of a session, by whatever engine the daemon has for it.
+/// Frames of a session, by any engine that the daemon has for it.
 fn frame(session: &mut Session, boxes: &[Aabb]) -> Result<EngineId, Error> {
     let mask = session.ask(boxes).wait()?;
     assert_eq!(mask.info().served_by, ServedBy::Daemon);
@@ -145,7 +145,7 @@ fn frame(session: &mut Session, boxes: &[Aabb]) -> Result<EngineId, Error> {
 #[test]
 fn cores_serve_while_the_gpu_is_being_opened() {
     let _alone = crate::alone();
-    let worker = Worker::start_watched(wait_at_gate);
+    let worker = Worker::start_watched(wait_at_barrier);
     let builder = Session::builder().runtime_dir(worker.dir()).backend(Backend::Daemon);
     let gpu = EngineName::GpuBrute;
     let boxes = stress_scenes::named("uniform").boxes(700, 3);
@@ -165,7 +165,7 @@ fn cores_serve_while_the_gpu_is_being_opened() {
         assert!(refused.to_string().contains("being opened"), "{refused}");
         assert!(worker.is_opening());
     }
-    open_gate();
+    open_barrier();
     let by = eventually("the GPU joins", || frame(&mut only, &boxes).ok());
     assert_eq!(by, EngineId::Known(gpu));
     until("the status says so", || !worker.is_opening());

@@ -8,7 +8,7 @@ use crate::call::call;
 use crate::code::pm_code;
 use crate::failure::Failure;
 use crate::handles::Handle;
-use crate::memory::{Out, place};
+use crate::memory::{Out, raw};
 use crate::values::{
     name_of, pm_ended, pm_name, pm_pair, pm_range, pm_served_by, served_by_number, to_ended,
     to_pairs,
@@ -71,12 +71,10 @@ impl Lists {
 fn answer_of(scene: &Scene) -> Result<pm_answer, Failure> {
     let Scene { state, lists, .. } = scene;
     state.read(|answer| {
-        let (begun, begun_count) =
-            place(to_pairs(answer.begun().own_list().unwrap_or(&lists.begun)));
-        let (pairs, pair_count) =
-            place(to_pairs(answer.pairs().own_list().unwrap_or(&lists.pairs)));
-        let (ended, ended_count) = place(&lists.ended);
-        let (late, late_count) = place(&lists.late);
+        let (begun, begun_count) = raw(to_pairs(answer.begun().own_list().unwrap_or(&lists.begun)));
+        let (pairs, pair_count) = raw(to_pairs(answer.pairs().own_list().unwrap_or(&lists.pairs)));
+        let (ended, ended_count) = raw(&lists.ended);
+        let (late, late_count) = raw(&lists.late);
         pm_answer {
             is_resync: u32::from(answer.is_resync()),
             served_by: served_by_number(answer.served_by()),

@@ -3,7 +3,7 @@
 
 use bytemuck::{cast, cast_slice};
 use pairmask::Margin;
-use pairmask_core::scene::{Indices, Sets, Step, Tags};
+use pairmask_core::scene::{FilterDataSets, Indices, Sets, Step};
 
 use super::edited::Given;
 use super::{change, pm_scene};
@@ -11,7 +11,7 @@ use crate::code::pm_code;
 use crate::failure::Failure;
 use crate::filters::table;
 use crate::memory::In;
-use crate::values::{index_count, pm_box, pm_filter, pm_pair, pm_tag};
+use crate::values::{index_count, pm_box, pm_filter, pm_filter_data, pm_pair};
 
 pub type pm_indices_kind = u32;
 pub const PM_INDICES_RANGE: pm_indices_kind = 0;
@@ -93,8 +93,8 @@ pub extern "C" fn pm_scene_remove(scene: pm_scene, indices: pm_indices) -> pm_co
 }
 
 #[unsafe(no_mangle)]
-pub extern "C" fn pm_scene_switch(scene: pm_scene, indices: pm_indices, on: bool) -> pm_code {
-    step(scene, || Ok(Step::Switch(indices.read()?, on)))
+pub extern "C" fn pm_scene_set_enabled(scene: pm_scene, indices: pm_indices, on: bool) -> pm_code {
+    step(scene, || Ok(Step::Enable(indices.read()?, on)))
 }
 
 #[unsafe(no_mangle)]
@@ -107,19 +107,26 @@ pub extern "C" fn pm_scene_make_static(
 }
 
 #[unsafe(no_mangle)]
-pub extern "C" fn pm_scene_tag(
+pub extern "C" fn pm_scene_set_filter(
     scene: pm_scene,
     indices: pm_indices,
-    tags: In<pm_tag>,
+    filter_data: In<pm_filter_data>,
     n: usize,
 ) -> pm_code {
     step(scene, || {
-        Ok(Step::Tag(Tags { indices: indices.read()?, tags: cast_slice(tags.array(n)?) }))
+        Ok(Step::FilterData(FilterDataSets {
+            indices: indices.read()?,
+            filter_data: cast_slice(filter_data.array(n)?),
+        }))
     })
 }
 
 #[unsafe(no_mangle)]
-pub extern "C" fn pm_scene_filters(scene: pm_scene, filters: In<pm_filter>, n: usize) -> pm_code {
+pub extern "C" fn pm_scene_filter_table(
+    scene: pm_scene,
+    filters: In<pm_filter>,
+    n: usize,
+) -> pm_code {
     add(scene, || Ok(Given::Table(table(filters, n)?)))
 }
 

@@ -1,4 +1,4 @@
-//! Scenes that persist: `pm_scene`.
+//! Persistent scenes: `pm_scene`.
 //!
 //! ```text
 //! edited   a scene with its edit: written, under way, or answered
@@ -17,7 +17,7 @@ use std::ops::Range;
 
 use bytemuck::{cast, cast_slice};
 use pairmask::{Margin, SceneOptions};
-use pairmask_core::scene::QueryTags;
+use pairmask_core::scene::QueryFilterData;
 
 use self::answer::Lists;
 use self::edited::{Edited, State};
@@ -25,9 +25,9 @@ use crate::call::call;
 use crate::code::pm_code::{self, PM_ERR_ABSENT};
 use crate::failure::Failure;
 use crate::handles::Handle;
-use crate::memory::{In, Out, place};
+use crate::memory::{In, Out, raw};
 use crate::session::pm_session;
-use crate::values::{if_any, pm_box, pm_pair, pm_range, pm_tag, to_pairs};
+use crate::values::{if_any, pm_box, pm_filter_data, pm_pair, pm_range, to_pairs};
 
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(C)]
@@ -156,7 +156,7 @@ pub extern "C" fn pm_scene_get_info(scene: pm_scene, info: Out<pm_scene_info>) -
             let Scene { state, leases: memory, .. } = scene;
             state.look(|scene| {
                 to_ranges(scene.leases(), memory);
-                let (leases, lease_count) = place(memory);
+                let (leases, lease_count) = raw(memory);
                 let (stats, deadline) =
                     (scene.margin_stats().unwrap_or_default(), scene.tick_deadline());
                 pm_scene_info {
@@ -183,23 +183,24 @@ pub extern "C" fn pm_scene_query(
     scene: pm_scene,
     boxes: In<pm_box>,
     n: usize,
-    tags: In<pm_tag>,
-    tag_count: usize,
+    filter_data: In<pm_filter_data>,
+    filter_data_count: usize,
     found: Out<*const pm_pair>,
     count: Out<usize>,
 ) -> pm_code {
     found.give_list(count, || {
-        let (boxes, tags) = (cast_slice(boxes.array(n)?), cast_slice(tags.array(tag_count)?));
+        let (boxes, filter_data) =
+            (cast_slice(boxes.array(n)?), cast_slice(filter_data.array(filter_data_count)?));
         scene.with(|scene| {
-            let tags = match tags {
-                [] => QueryTags::None,
-                [tag] => QueryTags::One(*tag),
-                tags => QueryTags::Each(tags),
+            let filter_data = match filter_data {
+                [] => QueryFilterData::None,
+                [filter_data] => QueryFilterData::One(*filter_data),
+                filter_data => QueryFilterData::Each(filter_data),
             };
-            let answer = scene.state.end()?.scene.query_tagged(boxes, tags)?;
+            let answer = scene.state.end()?.scene.query_filtered(boxes, filter_data)?;
             scene.found.clear();
             answer.for_each_slice(|pairs| scene.found.extend_from_slice(pairs));
-            Ok(place(to_pairs(&scene.found)))
+            Ok(raw(to_pairs(&scene.found)))
         })
     })
 }

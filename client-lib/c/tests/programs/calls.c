@@ -188,7 +188,7 @@ static void frames(pm_session session) {
   frame = written(session, three, 3);
   options.split_at = 4;
   EXPECT(PM_ERR_FIRST_SET, pm_frame_submit(frame, &options, &pending));
-  EXPECT(PM_ERR_HANDLE, pm_frame_drop(frame)); /* it was dropped, whatever was returned */
+  EXPECT(PM_ERR_HANDLE, pm_frame_drop(frame)); /* it was dropped, regardless of what was returned */
 
   EXPECT(PM_OK, pm_frame_submit(written(session, three, 3), NULL, &pending));
   EXPECT(PM_OK, pm_pending_drop(pending));
@@ -229,9 +229,9 @@ static void rules(pm_session session) {
   const pm_pair listed[] = {{0, 3}};
   const pm_box four[] = {at(0), at(0.25f), at(0.5f), at(0.75f)};
   /* 0 and 1 have an owner, 2 another world, 1 and 3 do not admit each other. */
-  const pm_tag tags[] = {{0, 7, 0, 0}, {0, 7, 1, 0}, {5, 0, 0, 0}, {0, 0, 2, 0}};
+  const pm_filter_data filter_data[] = {{0, 7, 0, 0}, {0, 7, 1, 0}, {5, 0, 0, 0}, {0, 0, 2, 0}};
   const pm_filter filters[] = {{UINT64_MAX, UINT64_MAX, 0, 0, 0}, {1, 1, 0, 0, 0}, {2, 2, 0, 0, 0}};
-  pm_rules_desc desc = {SIZED(pm_rules_desc), tags, 4, filters, 3, NULL, 0, NULL, 0};
+  pm_rules_desc desc = {SIZED(pm_rules_desc), filter_data, 4, filters, 3, NULL, 0, NULL, 0};
   pm_rules made;
   pm_mask mask;
 
@@ -306,8 +306,8 @@ static void worlds(const pm_session_options *of) {
   enum { WORLDS = 40, EACH = 3 };
   pm_session_options options = *of;
   pm_box boxes[WORLDS * EACH];
-  pm_tag tags[WORLDS * EACH];
-  const pm_rules_desc desc = {SIZED(pm_rules_desc), .tags = tags, .tag_count = WORLDS * EACH};
+  pm_filter_data filter_data[WORLDS * EACH];
+  const pm_rules_desc desc = {SIZED(pm_rules_desc), .filter_data = filter_data, .filter_data_count = WORLDS * EACH};
   pm_session session;
   pm_rules made;
   const pm_pair *pairs;
@@ -315,7 +315,7 @@ static void worlds(const pm_session_options *of) {
 
   for (int i = 0; i < WORLDS * EACH; i++) {
     boxes[i] = at(0.1f * (float)(i % EACH));
-    tags[i] = (pm_tag){i % WORLDS, 0, 0, 0};
+    filter_data[i] = (pm_filter_data){i % WORLDS, 0, 0, 0};
   }
   options.encoding = "list";
   EXPECT(PM_OK, pm_session_connect(&options, &session));
@@ -381,15 +381,15 @@ static void scenes(pm_session session) {
 
   EXPECT(PM_OK, pm_scene_query(scene, &a, 1, NULL, 0, &pairs, &count));
   CHECK(count == 2 && pairs[0].a == 0 && pairs[0].b == 7 && pairs[1].b == 9);
-  const pm_tag other_world = {1, 0, 0, 0};
+  const pm_filter_data other_world = {1, 0, 0, 0};
   EXPECT(PM_OK, pm_scene_query(scene, &a, 1, &other_world, 1, &pairs, &count));
   CHECK(count == 0);
-  const pm_tag tags[] = {other_world, other_world, other_world};
-  EXPECT(PM_ERR_QUERY_TAGS, pm_scene_query(scene, &a, 1, tags, 3, &pairs, &count));
+  const pm_filter_data filter_data[] = {other_world, other_world, other_world};
+  EXPECT(PM_ERR_QUERY_FILTER_DATA, pm_scene_query(scene, &a, 1, filter_data, 3, &pairs, &count));
 
-  EXPECT(PM_OK, pm_scene_switch(scene, one(7), false));
+  EXPECT(PM_OK, pm_scene_set_enabled(scene, one(7), false));
   changes(scene, *expected, 0, 1, PM_ENDED_FILTERED);
-  EXPECT(PM_OK, pm_scene_switch(scene, one(7), true));
+  EXPECT(PM_OK, pm_scene_set_enabled(scene, one(7), true));
   EXPECT(PM_OK, pm_scene_make_static(scene, both, true));
   changes(scene, *expected, 0, 0, 0);
   const uint32_t mask[] = {1u << 7 | 1u << 9};
@@ -397,9 +397,9 @@ static void scenes(pm_session session) {
   changes(scene, *expected, 1, 0, 0);
 
   const pm_filter filters[] = {{UINT64_MAX, UINT64_MAX, 0, 0, 0}, {1, 1, 0, 0, 0}, {2, 2, 0, 0, 0}};
-  const pm_tag kinds[] = {{0, 0, 1, 0}, {0, 0, 2, 0}};
-  EXPECT(PM_OK, pm_scene_filters(scene, filters, 3));
-  EXPECT(PM_OK, pm_scene_tag(scene, both, kinds, 2));
+  const pm_filter_data kinds[] = {{0, 0, 1, 0}, {0, 0, 2, 0}};
+  EXPECT(PM_OK, pm_scene_filter_table(scene, filters, 3));
+  EXPECT(PM_OK, pm_scene_set_filter(scene, both, kinds, 2));
   changes(scene, *expected, 0, 1, PM_ENDED_FILTERED);
   EXPECT(PM_OK, pm_scene_include(scene, expected, 1, true));
   changes(scene, *expected, 1, 0, 0);
@@ -407,7 +407,7 @@ static void scenes(pm_session session) {
   EXPECT(PM_OK, pm_scene_exclude(scene, expected, 1, true));
   EXPECT(PM_OK, pm_scene_commit(scene, PM_REPORT_NOTHING, NULL));
   EXPECT(PM_OK, pm_scene_exclude(scene, expected, 1, false));
-  EXPECT(PM_OK, pm_scene_tag(scene, one(7), &other_world, 1));
+  EXPECT(PM_OK, pm_scene_set_filter(scene, one(7), &other_world, 1));
   EXPECT(PM_OK, pm_scene_discard(scene));
 
   /* What is wrong with an edit: nothing of it is applied. */

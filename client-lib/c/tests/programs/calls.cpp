@@ -81,8 +81,8 @@ void frames(pm::Session &session) {
   narrow.set(0, at(8)).value();
   CHECK(are(std::move(narrow).submit().value().wait().value().pairs(), {{1, 2}}));
 
-  const pm::Tag tags[] = {{0, 1, 0, 0}, {0, 1, 0, 0}, {0, 0, 0, 0}};
-  auto rules = pm::Rules::create(tags).value();
+  const pm::FilterData filter_data[] = {{0, 1, 0, 0}, {0, 1, 0, 0}, {0, 0, 0, 0}};
+  auto rules = pm::Rules::create(filter_data).value();
   CHECK(are(session.cull(three, rules).value().pairs(), {{1, 2}}));
   auto with = session.frame(3).value();
   with.write(three).value();
@@ -103,7 +103,7 @@ void scenes(pm::Session &session) {
   auto answer = scene.commit(PM_REPORT_CHANGES).value();
   CHECK(are(answer.begun(), {{7, 9}}) && answer.ended().empty() && answer.late().empty());
   CHECK(scene.query(std::vector<pm::Box>{at(0)}).value().size() == 2);
-  scene.switch_to(pm::index(7), false).value();
+  scene.set_enabled(pm::index(7), false).value();
   scene.submit(PM_REPORT_CHANGES).value();
   answer = scene.wait().value();
   CHECK(answer.ended().size() == 1 && answer.ended()[0].reason == PM_ENDED_FILTERED);

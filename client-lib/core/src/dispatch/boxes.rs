@@ -164,7 +164,7 @@ impl CpuEngines {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<(EngineName, CullReport), CullError> {
         let (engine, report) = self.run(plan.engine, &plan.input(boxes), reply)?;
-        if let Some(candidate) = plan.candidates[plan.engine.place()] {
+        if let Some(candidate) = plan.candidates[plan.engine.ordinal()] {
             let has_handed_over = engine != plan.engine;
             let took_ns = if has_handed_over { u64::MAX } else { report.times.sum_ns() };
             self.learned.note(&candidate, plan.stats.n, took_ns);

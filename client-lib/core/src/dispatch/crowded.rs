@@ -30,7 +30,7 @@ impl Crowded {
         let same = before.filter(|before| before.is_of(n));
         let (mut barred, mut backoff) =
             same.map_or((Barred::default(), Backoff::NONE), |same| (same.barred, same.backoff));
-        barred[by.place()] = true;
+        barred[by.ordinal()] = true;
         backoff.failed();
         Self { n, barred, backoff }
     }
@@ -46,10 +46,10 @@ impl Crowded {
             return Barred::default();
         }
         let mut barred = self.barred;
-        if EngineName::ALL.iter().any(|engine| engine.is_gpu() && barred[engine.place()]) {
+        if EngineName::ALL.iter().any(|engine| engine.is_gpu() && barred[engine.ordinal()]) {
             // Cores find no cells where a GPU finds none.
-            barred[EngineName::CpuGrid.place()] = true;
-            barred[EngineName::CpuSap.place()] = true;
+            barred[EngineName::CpuGrid.ordinal()] = true;
+            barred[EngineName::CpuSap.ordinal()] = true;
         }
         barred
     }
@@ -72,7 +72,7 @@ pub(super) mod tests {
     fn barred(engines: &[EngineName]) -> Barred {
         let mut barred = Barred::default();
         for engine in engines {
-            barred[engine.place()] = true;
+            barred[engine.ordinal()] = true;
         }
         barred
     }

@@ -23,7 +23,7 @@ const WEIGHT: f64 = 0.125;
 /// interrupted.
 const FARTHEST: f64 = 2.0;
 /// What was learned of engines that do not run fades by this with each look, so that they are looked at again: what held
-/// them up may be gone.
+/// them up may no longer exist.
 const KEPT: f64 = 0.9;
 /// Size classes, each of four times as many boxes as the one before.
 const CLASSES: usize = 17;
@@ -54,18 +54,18 @@ impl Learned {
     /// frame over.
     pub fn note(&mut self, candidate: &Candidate, n: BoxCount, measured_ns: u64) {
         self.frames = self.frames.wrapping_add(1);
-        let expected_ns = candidate.predicted_ns - candidate.visit_ns;
-        let place = candidate.engine.place();
+        let expected_ns = candidate.predicted_ns - candidate.iterate_ns;
+        let slot = candidate.engine.ordinal();
         if expected_ns <= 0.0 || measured_ns == 0 {
             return;
         }
         let class = class_of(n);
         if self.is_look_due() {
-            let others = self.factors.iter_mut().enumerate().filter(|(other, _)| *other != place);
+            let others = self.factors.iter_mut().enumerate().filter(|(other, _)| *other != slot);
             others.for_each(|(_, of)| of[class].ln *= KEPT);
         }
         let took = (measured_ns as f64 / expected_ns).ln();
-        let factor = &mut self.factors[place][class];
+        let factor = &mut self.factors[slot][class];
         let step = (took - factor.ln).clamp(-FARTHEST.ln(), FARTHEST.ln());
         // The first frame of a size says more than nothing does.
         let weight = if factor.is_known { WEIGHT } else { 0.5 };
@@ -79,19 +79,19 @@ impl Learned {
             return;
         }
         let class = class_of(plan.stats.n);
-        let factor = |engine: EngineName| self.factors[engine.place()][class];
+        let factor = |engine: EngineName| self.factors[engine.ordinal()][class];
         // Once for each engine: plans of small scenes count every ns.
         let expected_ns = EngineName::ALL.map(|engine| {
-            plan.candidates[engine.place()].map_or(f64::INFINITY, |c| {
-                let engine_ns = c.predicted_ns - c.visit_ns;
-                engine_ns * factor(engine).ln.exp() + c.visit_ns
+            plan.candidates[engine.ordinal()].map_or(f64::INFINITY, |c| {
+                let engine_ns = c.predicted_ns - c.iterate_ns;
+                engine_ns * factor(engine).ln.exp() + c.iterate_ns
             })
         });
-        let expected = |c: &Candidate| expected_ns[c.engine.place()];
+        let expected = |c: &Candidate| expected_ns[c.engine.ordinal()];
         let soonest = |among: &mut dyn Iterator<Item = Candidate>| {
             among.min_by(|a, b| expected(a).total_cmp(&expected(b)))
         };
-        let may_be = |c: &Candidate| !barred[c.engine.place()];
+        let may_be = |c: &Candidate| !barred[c.engine.ordinal()];
         let candidates = || plan.candidates.iter().flatten().copied().filter(may_be);
         let planned = candidates().find(|c| c.engine == plan.engine);
         let most_ns = planned.map_or(f64::INFINITY, |planned| SOONER * expected(&planned));
@@ -132,8 +132,9 @@ mod tests {
         for _ in 0..count {
             let mut replanned = *plan;
             learned.replan(&mut replanned, Barred::default());
-            let candidate = replanned.candidates[replanned.engine.place()].expect("it was chosen");
-            let expected_ns = candidate.predicted_ns - candidate.visit_ns;
+            let candidate =
+                replanned.candidates[replanned.engine.ordinal()].expect("it was chosen");
+            let expected_ns = candidate.predicted_ns - candidate.iterate_ns;
             let took = (expected_ns * factor(replanned.engine)) as u64;
             learned.note(&candidate, replanned.stats.n, took);
             engines.push(replanned.engine);
@@ -155,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn an_engine_that_is_slower_here_gives_its_place_away_and_gets_it_back() {
+    fn an_engine_that_is_slower_here_is_replaced_and_comes_back() {
         let plan = planned(1_000, EngineChoice::Auto);
         let mut learned = Learned::default();
         let slow = |engine| if engine == plan.engine { 3.0 } else { 1.0 };
@@ -183,7 +184,7 @@ mod tests {
     fn a_barred_engine_gives_way_to_the_next() {
         let plan = planned(1_000, EngineChoice::Auto);
         let mut barred = Barred::default();
-        barred[plan.engine.place()] = true;
+        barred[plan.engine.ordinal()] = true;
         let mut replanned = plan;
         Learned::default().replan(&mut replanned, barred);
         let others = plan.candidates.iter().flatten().filter(|c| c.engine != plan.engine);

@@ -135,7 +135,7 @@ impl SphereWays {
         let start = Instant::now();
         let (bounds, balls) = self.filter.candidates(spheres)?;
         let bounds_ns = nanoseconds_since(start);
-        // The engine that finds candidates soonest, whatever is made of them.
+        // The engine that finds candidates soonest, regardless of what is made of them.
         let sparse = CullOptions { encoding: EncodingChoice::Only(Encoding::Sparse), ..*options };
         let plan_start = Instant::now();
         let mut plan = boxes.plan(bounds, &sparse, None);

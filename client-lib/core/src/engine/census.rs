@@ -29,24 +29,24 @@ impl Census {
         census
     }
 
-    /// Counts box `index`, and says whether it is solid. Call with rising indices and the default floating-point
+    /// Counts box `index`, and says whether it is valid. Call with rising indices and the default floating-point
     /// flags.
     #[inline(always)]
     pub(crate) fn note_box(&mut self, index: u32, b: &Aabb) -> bool {
-        // False with a NaN. Nearly all boxes are solid, so that only the others are classified.
+        // False with a NaN. Nearly all boxes are valid, so that only the others are classified.
         let [x, y, z] = std::array::from_fn(|axis| b.min[axis] <= b.max[axis]);
-        let is_solid = x & y & z;
-        if !is_solid {
+        let is_valid = x & y & z;
+        if !is_valid {
             self.note(index, b.class());
         }
-        is_solid
+        is_valid
     }
 
     /// Counts box `index`. Call with rising indices.
     #[inline]
     pub fn note(&mut self, index: u32, class: BoxClass) {
         match class {
-            BoxClass::Solid => {}
+            BoxClass::Valid => {}
             BoxClass::Empty => self.empty += 1,
             BoxClass::Invalid => {
                 if let Some(slot) = self.first_invalid.get_mut(self.invalid as usize) {
@@ -71,8 +71,8 @@ impl Census {
         self
     }
 
-    /// How many of `n` boxes, those of the census, are solid.
-    pub(crate) const fn solid_of(&self, n: usize) -> usize {
+    /// How many of `n` boxes, those of the census, are valid.
+    pub(crate) const fn valid_of(&self, n: usize) -> usize {
         n - (self.empty + self.invalid) as usize
     }
 
@@ -93,7 +93,8 @@ mod tests {
             [f32::NAN, f32::NEG_INFINITY, -1.0, -1e-45, -0.0, 0.0, 1e-45, 1.0, f32::INFINITY];
         let boxes: Vec<Aabb> = (0..corners.len().pow(4))
             .map(|at| {
-                let [a, b, c, d] = [0, 1, 2, 3].map(|place| corners[at / 9usize.pow(place) % 9]);
+                let [a, b, c, d] =
+                    [0, 1, 2, 3].map(|position| corners[at / 9usize.pow(position) % 9]);
                 Aabb::new([a, c, 0.0], [b, d, 0.0])
             })
             .collect();

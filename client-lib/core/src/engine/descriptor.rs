@@ -21,12 +21,12 @@ pub struct EngineDescriptor {
     /// Whether its words are of an order of its own, and not of the boxes'.
     pub has_order: bool,
     /// Where it runs, and what that takes.
-    pub place: EnginePlace,
+    pub slot: EngineSide,
 }
 
 /// Where an engine runs.
 #[derive(Clone, Copy, Debug)]
-pub enum EnginePlace {
+pub enum EngineSide {
     /// On the CPU, in any process.
     Cpu(CpuEngine),
     /// On a GPU, in a daemon, which makes it.
@@ -57,15 +57,15 @@ impl EngineDescriptor {
         has_order: bool,
         cpu: CpuEngine,
     ) -> Self {
-        let (forms, encodings, place) = (&[BoxForm::F32], &Encoding::ALL, EnginePlace::Cpu(cpu));
-        Self { name, wire_number, forms, encodings, has_order, place }
+        let (forms, encodings, slot) = (&[BoxForm::F32], &Encoding::ALL, EngineSide::Cpu(cpu));
+        Self { name, wire_number, forms, encodings, has_order, slot }
     }
 
     /// The engine as one of the CPU.
     pub const fn cpu(&self) -> Option<&CpuEngine> {
-        match &self.place {
-            EnginePlace::Cpu(cpu) => Some(cpu),
-            EnginePlace::Gpu(_) => None,
+        match &self.slot {
+            EngineSide::Cpu(cpu) => Some(cpu),
+            EngineSide::Gpu(_) => None,
         }
     }
 }

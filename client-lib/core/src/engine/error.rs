@@ -9,7 +9,7 @@ pub enum CullError {
     /// No memory for the mask.
     #[error(transparent)]
     Reserve(#[from] ReserveError),
-    /// The engine is not to be had here.
+    /// The engine is not available here.
     #[error("engine {engine} is not available: {why}")]
     Unavailable {
         /// The engine.
@@ -40,14 +40,14 @@ pub enum CullError {
         /// The engine.
         engine: EngineName,
     },
-    /// The GPU is gone. Another engine can serve the same boxes; this one needs a new device.
+    /// The GPU is lost. Another engine can serve the same boxes; this one needs a new device.
     #[error("{engine} lost its GPU: let a CPU engine serve until the device is rebuilt")]
     DeviceLost {
         /// The engine.
         engine: EngineName,
     },
     /// The GPU has no memory for the scene. Another engine can serve it; this one stays usable.
-    #[error("{engine} needs {needed_bytes} bytes of GPU memory that are not to be had")]
+    #[error("{engine} needs {needed_bytes} bytes of GPU memory that are not available")]
     DeviceMemory {
         /// The engine.
         engine: EngineName,

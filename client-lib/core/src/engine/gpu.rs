@@ -1,6 +1,6 @@
 //! The engines of the GPU, as plans see them. A daemon makes them; this crate has no code for GPUs.
 
-use super::{EngineDescriptor, EnginePlace, GpuEngine};
+use super::{EngineDescriptor, EngineSide, GpuEngine};
 use crate::mask::Encoding;
 use crate::precision::BoxForm;
 use crate::stats::SceneStats;
@@ -14,15 +14,15 @@ pub struct GpuCost {
     pub ns_a_box: f64,
     /// Each pair that all-pairs compares, ns.
     pub ns_a_test: f64,
-    /// What the grid's stages take whatever the scene, more than those of all pairs, ns.
+    /// What the grid's stages take regardless of the scene, more than those of all pairs, ns.
     pub grid_fixed_ns: f64,
     /// The grid's stages, ns a box; `None` where the GPU has no grid engine.
     pub grid_ns_a_box: Option<f64>,
     /// Each byte of the mask that comes down, ns.
     pub ns_a_reply_byte: f64,
-    /// More for a client that visits a mask in memory that the device wrote, which no cache of a
+    /// More for a client that iterates over a mask in memory that the device wrote, which no cache of a
     /// core holds, ns a byte.
-    pub ns_a_visited_byte: f64,
+    pub ns_a_read_byte: f64,
 }
 
 impl GpuCost {
@@ -41,7 +41,7 @@ pub(super) const ALL_PAIRS: EngineDescriptor = EngineDescriptor {
     forms: &BoxForm::ALL,
     encodings: &[Encoding::Dense, Encoding::Sparse, Encoding::List],
     has_order: false,
-    place: EnginePlace::Gpu(GpuEngine { execute_ns: all_pairs_ns }),
+    slot: EngineSide::Gpu(GpuEngine { execute_ns: all_pairs_ns }),
 };
 
 /// `gpu-grid`: the grid of `cpu-grid`. A dense mask has a bit for all pairs, so that all pairs is what
@@ -52,7 +52,7 @@ pub(super) const GRID: EngineDescriptor = EngineDescriptor {
     forms: &BoxForm::ALL,
     encodings: &[Encoding::Sparse, Encoding::List],
     has_order: true,
-    place: EnginePlace::Gpu(GpuEngine { execute_ns: grid_ns }),
+    slot: EngineSide::Gpu(GpuEngine { execute_ns: grid_ns }),
 };
 
 #[allow(clippy::unnecessary_wraps)] // Every GPU has the engine; the type is that of all engines.

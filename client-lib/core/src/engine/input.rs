@@ -32,12 +32,12 @@ pub struct CullInput<'a, Objects = BoxSlice<'a>> {
 
 impl<'a> CullInput<'a> {
     /// Boxes in any form: a slice of [`Aabb`], or narrow ones. The mask is sparse, and the engine has
-    /// one thread, unless told otherwise.
+    /// one thread, unless set otherwise.
     pub fn boxes(boxes: impl Into<BoxSlice<'a>>) -> Self {
         CullInput::of(boxes.into())
     }
 
-    /// The boxes, for an engine that tests pairs by nothing else. Whatever it does not list in its
+    /// The boxes, for an engine that tests pairs by nothing else. What it does not list in its
     /// descriptor is refused.
     ///
     /// # Errors

@@ -5,7 +5,7 @@
 //! keys, and writes its mask straight into memory that the caller hands out ([`ReplyBuffer`]):
 //! shared memory in the daemon, a pooled buffer in process.
 //!
-//! `list.rs` names them all. Whatever chooses among engines, names or measures them, goes through that
+//! `list.rs` names them all. All code that chooses among engines, names or measures them, goes through that
 //! list and their [descriptors](EngineDescriptor): the command line, plan, calibration, `stress`, the
 //! conformance suite. A new engine is a folder with a descriptor, and a line of the list.
 
@@ -38,7 +38,7 @@ pub use census::{Census, NAMED_INVALID};
 pub use choice::{EngineChoice, EngineId};
 pub use cost::CostTerm;
 pub(crate) use cost::built_in_ns;
-pub use descriptor::{CpuEngine, EngineDescriptor, EnginePlace, GpuEngine, cpu_engine};
+pub use descriptor::{CpuEngine, EngineDescriptor, EngineSide, GpuEngine, cpu_engine};
 pub(crate) use encode::encoding_cost;
 pub use encode::write_no_pairs;
 pub use error::CullError;

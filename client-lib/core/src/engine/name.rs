@@ -20,7 +20,7 @@ macro_rules! engines {
             pub const ALL: [Self; [$(stringify!($name)),+].len()] = [$(Self::$name),+];
 
             /// Its place in [`Self::ALL`].
-            pub const fn place(self) -> usize {
+            pub const fn ordinal(self) -> usize {
                 enum Place {
                     $($name),+
                 }

@@ -41,9 +41,9 @@ pub(super) trait Arrangement: Default + Send + Sync {
     /// The boxes in order.
     fn boxes(&self) -> &OrderedBoxes;
 
-    /// Finds the words of a task's rows, until the budget is spent. Boxes from position `solid` on overlap
+    /// Finds the words of a task's rows, until the budget is spent. Boxes from position `valid` on overlap
     /// nothing.
-    fn search(&self, task: &mut StripTask<Self::Own>, solid: u32, gather: &Gather<'_>);
+    fn search(&self, task: &mut StripTask<Self::Own>, valid: u32, gather: &Gather<'_>);
 
     /// Bytes of a task's own memory.
     fn own_bytes(_own: &Self::Own) -> usize {
@@ -101,15 +101,15 @@ impl<A: Arrangement> Engine for Ordered<A> {
         let _team = team::enter(threads);
         let mut clock = StageClock::start();
         let census = self.arrangement.arrange(boxes, threads, input.may_hand_over, self.isa)?;
-        let solid = census.solid_of(boxes.len());
+        let valid = census.valid_of(boxes.len());
         clock.ingested();
 
-        self.assign(solid, threads);
+        self.assign(valid, threads);
         let (arrangement, parts) = (&self.arrangement, self.tasks.len());
         let order = arrangement.boxes().order();
         input.rules.prepare(boxes.len(), order, threads);
         let gather = &Gather { budget, rules: input.rules, order, isa: self.isa };
-        let search = |task: &mut StripTask<A::Own>| arrangement.search(task, solid as u32, gather);
+        let search = |task: &mut StripTask<A::Own>| arrangement.search(task, valid as u32, gather);
         for_each_in_parts(&mut self.tasks, parts, search);
         clock.executed();
 

@@ -11,7 +11,7 @@ pub trait ReplyBuffer {
     /// replaces the first; nothing of the first is kept.
     ///
     /// # Errors
-    /// [`ReserveError`] when so much memory is not to be had.
+    /// [`ReserveError`] when so much memory is not available.
     fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError>;
 }
 

@@ -59,7 +59,7 @@ impl PairSkips {
         Self { unmoved, empty, axis, ..Self::NONE }
     }
 
-    /// Pairs of a scene that persists.
+    /// Pairs of a persistent scene.
     pub const fn of_scene(statics: u64, unmoved: u64, cell: u64) -> Self {
         Self { statics, unmoved, cell, ..Self::NONE }
     }
@@ -165,10 +165,10 @@ impl CullReport {
         times: EngineTimes,
     ) -> Self {
         let nothing = u64::from(census.empty) + u64::from(census.invalid);
-        let solid = u64::from(n.get()).saturating_sub(nothing);
-        let of_solid = solid * solid.saturating_sub(1) / 2;
+        let valid = u64::from(n.get()).saturating_sub(nothing);
+        let of_valid = valid * valid.saturating_sub(1) / 2;
         let pairs = n.pair_count().saturating_sub(compared);
-        let empty = (n.pair_count() - of_solid).min(pairs);
+        let empty = (n.pair_count() - of_valid).min(pairs);
         let skipped = SkipMeter {
             boxes: nothing,
             pairs,

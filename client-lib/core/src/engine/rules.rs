@@ -73,7 +73,7 @@ pub(crate) fn sift_each(
     passing: impl Fn(u32, u32, u32) -> u32,
     ask_for: impl Fn([u32; 3]),
 ) -> (usize, u64) {
-    let (mut kept, mut gone) = (0, 0);
+    let (mut kept, mut ended) = (0, 0);
     for at in 0..bits.len() {
         if let Some(ahead) = bits.get(at + AHEAD) {
             ask_for([rows[at + AHEAD], blocks[at + AHEAD], *ahead]);
@@ -81,11 +81,11 @@ pub(crate) fn sift_each(
         let (row, block) = (rows[at], blocks[at]);
         let before = bits[at];
         let passing = passing(row, block, before);
-        gone += u64::from((before ^ passing).count_ones());
+        ended += u64::from((before ^ passing).count_ones());
         (rows[kept], blocks[kept], bits[kept]) = (row, block, passing);
         kept += usize::from(passing != 0);
     }
-    (kept, gone)
+    (kept, ended)
 }
 
 /// What a pair must pass, beyond that its boxes overlap, to be in the mask. Engines hand the words
@@ -110,7 +110,7 @@ impl<'a> PairRules<'a> {
         self.test.is_none()
     }
 
-    /// Tells the test, if there is one, how many boxes there are and their order.
+    /// Informs the test, if there is one, how many boxes there are and their order.
     pub fn prepare(&self, count: usize, order: &[u32], threads: usize) {
         if let Some(test) = self.test {
             test.prepare(count, order, threads);

@@ -41,7 +41,7 @@ impl WordBudget {
     /// keeps that of the boxes.
     ///
     /// # Errors
-    /// [`ReserveError::TooLarge`] where the reply has no room whatever the boxes are.
+    /// [`ReserveError::TooLarge`] where the reply has no room, regardless of the boxes.
     pub fn new(
         n: BoxCount,
         encoding: Encoding,

@@ -1,6 +1,6 @@
-//! Filters: which boxes may be a pair at all, whatever their places.
+//! Filters: which boxes may be a pair at all, regardless of their places.
 //!
-//! Each box carries a [`Tag`]: its world, its owner, and a place in a scene's [table](FilterTable) of
+//! Each box carries a [`FilterData`]: its world, its owner, and a place in a scene's [table](FilterTable) of
 //! [filters](Filter). [`Rules`] decide of two boxes, in this order:
 //!
 //! 1. Boxes of different worlds never meet. [`World::ALL`] is in all of them.
@@ -18,17 +18,17 @@
 
 pub mod engines;
 mod filter;
+mod filter_data;
 mod pair_lists;
 mod rules;
 mod table;
-mod tag;
 #[cfg(test)]
 mod tests;
 
 pub use self::filter::Filter;
+pub use self::filter_data::{FilterData, FilterId, Owner, World};
 pub use self::pair_lists::PairLists;
 pub(crate) use self::pair_lists::{Listed, in_order};
 pub use self::rules::Rules;
 pub(crate) use self::rules::decide;
 pub use self::table::{FilterTable, TooManyFilters};
-pub use self::tag::{FilterId, Owner, Tag, World};

@@ -1,4 +1,4 @@
-//! Pairs that are reported, or never reported, whatever their filters say.
+//! Pairs that are reported, or never reported, regardless of what their filters say.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 

@@ -1,7 +1,7 @@
 //! The filters of a scene, and which of them meet.
 
 use super::filter::Filter;
-use super::tag::FilterId;
+use super::filter_data::FilterId;
 
 /// Filters up to which it is computed once which of them meet: a bit for each two, 128 KiB in all. More are
 /// compared pair by pair.

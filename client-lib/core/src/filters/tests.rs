@@ -100,13 +100,14 @@ fn case(random: &mut Random, count: u64, filter_count: u64) -> Case {
         let owner = [0, 0, 0, 1, u32::MAX][random.below(5) as usize];
         let is_static = random.below(8) == 0;
         let filter = filters.get(usize::from(id)).copied().unwrap_or(Filter::ALL);
-        let tag = Tag::new(World(world), Owner(owner), FilterId(id)).with_static(is_static);
-        rules.tags.push(tag);
+        let filter_data =
+            FilterData::new(World(world), Owner(owner), FilterId(id)).with_static(is_static);
+        rules.filter_data.push(filter_data);
         let Filter { group, category, mask, either, .. } = filter;
         let is_static = is_static || filter.is_static;
         boxes.push(Naive { world, owner, is_static, group, category, mask, either });
     }
-    // A box without a tag has the default one.
+    // A box without filter data has the default one.
     let first = filters.first().copied().unwrap_or(Filter::ALL);
     let Filter { is_static, group, category, mask, either } = first;
     boxes.push(Naive { world: 0, owner: 0, is_static, group, category, mask, either });
@@ -175,10 +176,17 @@ fn rules_decide_as_their_order_says() {
 fn the_comparison_notices_each_rule_that_is_left_out() {
     type Mutation = fn(&mut Rules);
     let mutations: [(&str, Mutation); 7] = [
-        ("worlds", |rules| rules.tags.iter_mut().for_each(|tag| tag.world = World(0))),
-        ("owners", |rules| rules.tags.iter_mut().for_each(|tag| tag.owner = Owner::NONE)),
+        ("worlds", |rules| {
+            rules.filter_data.iter_mut().for_each(|filter_data| filter_data.world = World(0))
+        }),
+        ("owners", |rules| {
+            rules.filter_data.iter_mut().for_each(|filter_data| filter_data.owner = Owner::NONE)
+        }),
         ("static boxes", |rules| {
-            rules.tags.iter_mut().for_each(|tag| *tag = tag.with_static(false));
+            rules
+                .filter_data
+                .iter_mut()
+                .for_each(|filter_data| *filter_data = filter_data.with_static(false));
         }),
         ("filters", |rules| rules.table = FilterTable::default()),
         ("include list", |rules| {
@@ -211,7 +219,7 @@ fn the_comparison_notices_each_rule_that_is_left_out() {
 }
 
 #[test]
-fn lists_decide_of_indices_that_have_no_tags() {
+fn lists_decide_of_indices_that_have_no_filter_data() {
     let mut lists = PairLists::new();
     lists.exclude([5, u32::MAX >> 8], true);
     let mut rules = Rules::default();
@@ -236,8 +244,8 @@ fn rules_of_which_a_look_says_that_all_meet_let_all_meet() {
         for _ in 0..random.below(8) {
             let world = World([0, 0, 0, -1, 5][random.below(5) as usize]);
             let filter = FilterId(rare(&mut random) as u16);
-            let tag = Tag::new(world, Owner(rare(&mut random)), filter);
-            rules.tags.push(tag.with_static(rare(&mut random) == 1));
+            let filter_data = FilterData::new(world, Owner(rare(&mut random)), filter);
+            rules.filter_data.push(filter_data.with_static(rare(&mut random) == 1));
         }
         if random.below(9) == 0 {
             rules.lists.exclude([0, 1], true);

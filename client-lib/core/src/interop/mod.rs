@@ -10,7 +10,7 @@ macro_rules! matrices {
     ($($(#[$doc:meta])* $matrix:ty: |$it:ident| $columns:expr;)+) => {$(
         $(#[$doc])*
         impl crate::update::ToWorld for $matrix {
-            crate::update::world_matrix_whatever_the_flags!();
+            crate::update::world_matrix_with_any_flags!();
 
             #[inline]
             fn world_matrix_with_default_flags(&self) -> crate::update::WorldMatrix {

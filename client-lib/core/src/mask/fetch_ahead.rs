@@ -38,7 +38,7 @@ fn fetch(line: &[[u32; 2]; LINE]) {
     {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
         let behind = line.as_ptr().wrapping_byte_add(AHEAD_BYTES).cast::<i8>();
-        // SAFETY: to fetch ahead has no effect that a program can see, whatever the address.
+        // SAFETY: to fetch ahead has no effect that a program can see, regardless of the address.
         unsafe { _mm_prefetch::<_MM_HINT_T0>(behind) };
     }
     #[cfg(not(target_arch = "x86_64"))]

@@ -1,6 +1,6 @@
 //! A few pairs between the decoder and its consumer.
 //!
-//! Most words hold one bit, some two or more, and no branch predictor can tell which: a loop over
+//! Most words hold one bit, some two or more, and no branch predictor can decide which: a loop over
 //! the bits of each word, with the consumer's code inside, spends most of its time on wrong
 //! guesses. The decoders therefore write pairs here first, unconditionally, and only count on
 //! where the pair was real. The consumer then takes them in a loop that is easy to predict.
@@ -32,7 +32,7 @@ impl PairBuffer {
         Self { pairs: [[0; 2]; CAPACITY], next: 0, end: 0 }
     }
 
-    /// Replaces whatever is left by what `write` puts.
+    /// Replaces what is left by what `write` puts.
     #[inline]
     pub fn refill(&mut self, write: impl FnOnce(&mut PairWriter)) {
         let mut writer = PairWriter { pairs: &mut self.pairs, end: 0 };

@@ -13,7 +13,7 @@ per_isa! {
     }
 }
 
-/// Vector code of whatever instruction set its caller is compiled for: no branch on any single pair.
+/// Vector code of any instruction set its caller is compiled for: no branch on any single pair.
 #[inline(always)]
 pub(super) fn plain(pairs: &[[u32; 2]], n: BoxCount) -> bool {
     pairs.iter().fold(true, |all, [a, b]| all & (a < b) & (*b < n.get()))

@@ -5,7 +5,7 @@ use std::slice;
 use super::{MaskView, Pairs};
 
 /// A list of pairs, such as those of a scene: smaller index first, sorted. One in shared memory is checked as it is
-/// read: whatever another process writes there, no index is one that there cannot be.
+/// read: regardless of what another process writes there, no index is one that there cannot be.
 #[derive(Clone, Copy)]
 pub struct PairList<'a>(List<'a>);
 
@@ -56,7 +56,7 @@ impl<'a> PairList<'a> {
         })
     }
 
-    /// The pairs in slices: the fastest way to visit all.
+    /// The pairs in slices: the fastest way to iterate over all.
     pub fn for_each_slice(&self, mut f: impl FnMut(&[[u32; 2]])) {
         match &self.0 {
             List::Own([]) => {}

@@ -90,7 +90,7 @@ fn pairs_of(corners: &[Corners]) -> Vec<Pair> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corners {
     /// `None` for a box that is invalid or empty.
-    solid: Option<[[f64; 3]; 2]>,
+    valid: Option<[[f64; 3]; 2]>,
 }
 
 impl Corners {
@@ -102,13 +102,13 @@ impl Corners {
     /// The corners of a box given in f64.
     fn of_faces(faces: &Faces) -> Self {
         let [min, max] = faces;
-        let solid = (0..3).all(|axis| at_most(min[axis], max[axis]));
-        Self { solid: solid.then_some(*faces) }
+        let valid = (0..3).all(|axis| at_most(min[axis], max[axis]));
+        Self { valid: valid.then_some(*faces) }
     }
 
     /// Whether two boxes share a point.
     pub fn overlap(&self, other: &Self) -> bool {
-        let (Some(p), Some(q)) = (&self.solid, &other.solid) else { return false };
+        let (Some(p), Some(q)) = (&self.valid, &other.valid) else { return false };
         (0..3).all(|axis| at_most(p[0][axis], q[1][axis]) && at_most(q[0][axis], p[1][axis]))
     }
 }
@@ -117,7 +117,7 @@ fn census(boxes: &[Faces]) -> Census {
     let is_invalid = |b: &&Faces| b.as_flattened().iter().any(|x| x.is_nan());
     let invalid: Vec<u32> =
         (0u32..).zip(boxes).filter(|(_, b)| is_invalid(b)).map(|(i, _)| i).collect();
-    let is_empty = |b: &&Faces| !is_invalid(b) && Corners::of_faces(b).solid.is_none();
+    let is_empty = |b: &&Faces| !is_invalid(b) && Corners::of_faces(b).valid.is_none();
     let empty = boxes.iter().filter(is_empty).count();
     let mut first_invalid = [0; NAMED_INVALID];
     for (slot, index) in first_invalid.iter_mut().zip(&invalid) {

@@ -34,7 +34,7 @@ pub fn truth_by(boxes: &[Aabb], round: impl Fn(f32, usize, bool) -> f64) -> Trut
     Truth { pairs, census: super::census(&given) }
 }
 
-/// The pairs of boxes whose faces were rounded. A box that is not solid before has no pair after.
+/// The pairs of boxes whose faces were rounded. A box that is not valid before has no pair after.
 fn rounded_pairs(boxes: &[Faces], round: impl Fn(f64, usize, bool) -> f64) -> Vec<Pair> {
     floats::with_default(|| pairs_of(&rounded_corners(boxes, round)))
 }
@@ -42,8 +42,8 @@ fn rounded_pairs(boxes: &[Faces], round: impl Fn(f64, usize, bool) -> f64) -> Ve
 fn rounded_corners(boxes: &[Faces], round: impl Fn(f64, usize, bool) -> f64) -> Vec<Corners> {
     let rounded = |b: &Faces| {
         let side = |up: bool| std::array::from_fn(|axis| round(b[usize::from(up)][axis], axis, up));
-        let solid = Corners::of_faces(b).solid.is_some();
-        Corners { solid: solid.then(|| [side(false), side(true)]) }
+        let valid = Corners::of_faces(b).valid.is_some();
+        Corners { valid: valid.then(|| [side(false), side(true)]) }
     };
     boxes.iter().map(rounded).collect()
 }

@@ -33,7 +33,7 @@
 //! * From above: x is even and less than (t + 1)(t + 2), so x ≤ t² + 3t < (t + 3/2)², and the
 //!   computed root is below t + 2.
 //!
-//! One integer comparison tells t from t + 1: g is too large exactly when g(g + 1) > x. As
+//! One integer comparison distinguishes t from t + 1: g is too large exactly when g(g + 1) > x. As
 //! t ≤ n − 2 ≤ 2^32 − 3, the product is at most (2^32 − 2)(2^32 − 1) and stays in u64.
 
 mod walker;

@@ -11,7 +11,7 @@ pub struct Calibration {
     isa: Isa,
     /// Time of each engine of the CPU, in built-in times.
     pub engines: [f64; EngineName::ALL.len()],
-    /// The same of the masks of each encoding, which are written and visited.
+    /// The same of the masks of each encoding, which are written and iterated over.
     pub masks: [f64; Encoding::ALL.len()],
 }
 
@@ -35,12 +35,12 @@ impl Calibration {
         let engine_ns = built_in_ns(own, stats, descriptor.has_order, self.isa);
         let write = encoding_cost(encoding).write;
         let mask_ns = built_in_ns(write, stats, descriptor.has_order, self.isa);
-        Some(self.engines[engine.place()] * engine_ns + self.masks[encoding.place()] * mask_ns)
+        Some(self.engines[engine.ordinal()] * engine_ns + self.masks[encoding.ordinal()] * mask_ns)
     }
 
-    /// Time of a client that visits every pair of an engine's mask on one thread, ns.
-    pub fn visit_ns(&self, engine: EngineName, encoding: Encoding, stats: &SceneStats) -> f64 {
-        let (visit, has_order) = (encoding_cost(encoding).visit, engine.descriptor().has_order);
-        self.masks[encoding.place()] * built_in_ns(visit, stats, has_order, self.isa)
+    /// Time of a client that iterates over every pair of an engine's mask on one thread, ns.
+    pub fn iterate_ns(&self, engine: EngineName, encoding: Encoding, stats: &SceneStats) -> f64 {
+        let (iterate, has_order) = (encoding_cost(encoding).iterate, engine.descriptor().has_order);
+        self.masks[encoding.ordinal()] * built_in_ns(iterate, stats, has_order, self.isa)
     }
 }

@@ -28,9 +28,9 @@ impl fmt::Display for Explanation<'_> {
         if stats.is_looked_at {
             writeln!(
                 f,
-                "{} boxes, {:.0} % solid, median size {}, 90 % below {}, sweep window {:.3} % of them, elongation {:.1}, {:.0} pairs expected",
+                "{} boxes, {:.0} % valid, median size {}, 90 % below {}, sweep window {:.3} % of them, elongation {:.1}, {:.0} pairs expected",
                 stats.n.get(),
-                100.0 * stats.solid_share,
+                100.0 * stats.valid_share,
                 stats.median_size,
                 stats.large_size,
                 100.0 * stats.window_share,
@@ -49,12 +49,12 @@ impl fmt::Display for Explanation<'_> {
             let mark = if candidate.engine == *engine { "->" } else { "  " };
             writeln!(
                 f,
-                "{mark} {:<10} {:<6} {} threads  {:>12.1} µs predicted, {:.1} of them to visit the pairs",
+                "{mark} {:<10} {:<6} {} threads  {:>12.1} µs predicted, {:.1} of them to iterate over the pairs",
                 candidate.engine.as_str(),
                 candidate.encoding.as_str(),
                 candidate.threads,
                 candidate.predicted_ns / 1e3,
-                candidate.visit_ns / 1e3,
+                candidate.iterate_ns / 1e3,
             )?;
         }
         write!(f, "{engine}, {encoding}, {threads} threads: {}", self.0.why())

@@ -142,9 +142,9 @@ mod tests {
 
     #[test]
     fn plans_of_other_options_stand_side_by_side() {
-        let wanted = [None, Some(1), Some(2), Some(3), Some(4)];
+        let requested = [None, Some(1), Some(2), Some(3), Some(4)];
         let [wide, narrow, third, fourth, fifth] =
-            wanted.map(|threads| CullOptions { threads, ..options(900) });
+            requested.map(|threads| CullOptions { threads, ..options(900) });
         let n = BoxCount::new(1_000);
         let mut memory = of(1_000, &wide);
         memory.keep(&planned(1_000, &narrow), &CAPABILITIES);

@@ -1,8 +1,8 @@
 //! The plan: from statistics and capabilities to an engine, an encoding and a number of threads.
 //!
 //! A pure function, so that it is tested without a GPU and can explain itself. It predicts the
-//! time of the whole frame, from boxes written to every pair visited by the client's threads, for
-//! every engine that is to be had and every encoding ([`Calibration`] holds the constants), and takes
+//! time of the whole frame, from boxes written to every pair iterated over by the client's threads, for
+//! every engine that is available and every encoding ([`Calibration`] holds the constants), and takes
 //! the least.
 
 mod calibration;
@@ -41,10 +41,10 @@ pub struct Candidate {
     pub encoding: Encoding,
     /// Threads.
     pub threads: usize,
-    /// Predicted time of the whole frame, from boxes written to every pair visited, ns.
+    /// Predicted time of the whole frame, from boxes written to every pair iterated over, ns.
     pub predicted_ns: f64,
-    /// The client's part of it, which visits the pairs, ns.
-    pub visit_ns: f64,
+    /// The client's part of it, which iterates over the pairs, ns.
+    pub iterate_ns: f64,
 }
 
 /// What to do with a frame.
@@ -56,7 +56,7 @@ pub struct Plan {
     pub encoding: Encoding,
     /// Threads, at least 1.
     pub threads: usize,
-    /// Every engine that is to be had, in the order of [`EngineName::ALL`].
+    /// Every engine that is available, in the order of [`EngineName::ALL`].
     pub candidates: [Option<Candidate>; EngineName::ALL.len()],
     /// What was asked for.
     pub options: CullOptions,
@@ -78,7 +78,7 @@ impl Plan {
 /// own order.
 const INDIFFERENT_SHARE: f64 = 0.05;
 
-/// Chooses. Where the client insists on an engine that is not to be had, the plan names it all the
+/// Chooses. Where the client forces an engine that is not available, the plan names it all the
 /// same: that engine's own error says what is missing. The floating-point flags of this thread have no
 /// say.
 pub fn plan(
@@ -109,7 +109,7 @@ pub fn plan(
         },
         threads: 1,
         predicted_ns: f64::INFINITY,
-        visit_ns: 0.0,
+        iterate_ns: 0.0,
     };
     let Candidate { engine, encoding, threads, .. } = *chosen.unwrap_or(&fallback);
     Plan { engine, encoding, threads, candidates, options: *options, stats: *stats }

@@ -1,7 +1,7 @@
-//! The cost model: what every engine that is to be had would take for a frame.
+//! The cost model: what every engine that is available would take for a frame.
 
 use super::{Calibration, Candidate, Capabilities, CullOptions, GpuCost, SceneStats};
-use crate::engine::{EngineName, EnginePlace, encoding_cost};
+use crate::engine::{EngineName, EngineSide, encoding_cost};
 use crate::mask::{Encoding, EncodingChoice};
 use crate::team;
 
@@ -18,15 +18,15 @@ pub(super) struct Model<'a> {
 }
 
 impl Model<'_> {
-    /// The cheapest way to run an engine, if it is to be had.
+    /// The cheapest way to run an engine, if it is available.
     pub fn candidate(&self, engine: EngineName) -> Option<Candidate> {
         // Of ways that take the same time the first is taken: sparse before dense.
         let ways = Encoding::ALL.into_iter().rev().filter(|encoding| {
-            let is_wanted = match self.options.encoding {
+            let is_requested = match self.options.encoding {
                 EncodingChoice::Auto => !(self.options.no_dense && *encoding == Encoding::Dense),
-                EncodingChoice::Only(wanted) => wanted == *encoding,
+                EncodingChoice::Only(requested) => requested == *encoding,
             };
-            is_wanted && engine.descriptor().encodings.contains(encoding)
+            is_requested && engine.descriptor().encodings.contains(encoding)
         });
         let ways = ways.filter_map(|encoding| self.way(engine, encoding));
         ways.min_by(|a, b| a.predicted_ns.total_cmp(&b.predicted_ns))
@@ -37,8 +37,14 @@ impl Model<'_> {
             Some(one_ns) => self.on_threads(one_ns),
             None => (self.gpu_ns(engine, encoding)?, 1),
         };
-        let visit_ns = self.visit_ns(engine, encoding);
-        Some(Candidate { engine, encoding, threads, predicted_ns: cull_ns + visit_ns, visit_ns })
+        let iterate_ns = self.iterate_ns(engine, encoding);
+        Some(Candidate {
+            engine,
+            encoding,
+            threads,
+            predicted_ns: cull_ns + iterate_ns,
+            iterate_ns,
+        })
     }
 
     fn on_threads(&self, one_ns: f64) -> (f64, usize) {
@@ -46,17 +52,15 @@ impl Model<'_> {
         (team::time_ns(one_ns, threads), threads)
     }
 
-    /// The client's part. Its further threads are of use where there is enough to visit.
-    fn visit_ns(&self, engine: EngineName, encoding: Encoding) -> f64 {
-        let visit_ns = self.calibration.visit_ns(engine, encoding, self.stats);
+    /// The client's part. Its further threads are of use where there is enough to iterate over.
+    fn iterate_ns(&self, engine: EngineName, encoding: Encoding) -> f64 {
+        let iterate_ns = self.calibration.iterate_ns(engine, encoding, self.stats);
         let far_ns = match self.capabilities.gpu {
-            Some(gpu) if engine.is_gpu() => {
-                gpu.ns_a_visited_byte * self.mask_bytes(engine, encoding)
-            }
+            Some(gpu) if engine.is_gpu() => gpu.ns_a_read_byte * self.mask_bytes(engine, encoding),
             _ => 0.0,
         };
-        let one_ns = visit_ns + far_ns;
-        match self.options.visit_threads {
+        let one_ns = iterate_ns + far_ns;
+        match self.options.iterate_threads {
             Some(threads) if threads > 1 => team::time_ns(one_ns, threads).min(one_ns),
             _ => one_ns,
         }
@@ -67,7 +71,7 @@ impl Model<'_> {
     }
 
     fn gpu_ns(&self, engine: EngineName, encoding: Encoding) -> Option<f64> {
-        let EnginePlace::Gpu(own) = engine.descriptor().place else { return None };
+        let EngineSide::Gpu(own) = engine.descriptor().slot else { return None };
         let gpu: &GpuCost = self.capabilities.gpu.as_ref()?;
         let execute_ns = (own.execute_ns)(gpu, self.stats)?;
         let stage_ns = if encoding == Encoding::Dense { 0.0 } else { GPU_COUNTED_STAGE_NS };

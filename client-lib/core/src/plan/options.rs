@@ -4,7 +4,7 @@ use crate::engine::{CullError, EngineChoice, ReserveError};
 use crate::mask::{Encoding, EncodingChoice};
 use crate::units::BoxCount;
 
-/// What a client leaves open and what it insists on, and what is known of its last frame.
+/// What a client leaves open and what it forces, and what is known of its last frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CullOptions {
     /// Which engine.
@@ -13,8 +13,8 @@ pub struct CullOptions {
     pub encoding: EncodingChoice,
     /// Most threads; `None` is as many as the calling thread's pool has. The plan takes those that are worth it.
     pub threads: Option<usize>,
-    /// Threads with which the client visits the pairs; `None` is one.
-    pub visit_threads: Option<usize>,
+    /// Threads with which the client iterates over the pairs; `None` is one.
+    pub iterate_threads: Option<usize>,
     /// Pairs of the client's last frame, for the plan. The answer does not depend on it.
     pub last_pairs: Option<u64>,
     /// Whether the plan passes over dense masks, of which one would not fit the reply.

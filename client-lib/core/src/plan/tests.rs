@@ -14,14 +14,14 @@ const GPU: GpuCost = GpuCost {
     grid_fixed_ns: 10_000.0,
     grid_ns_a_box: Some(0.2),
     ns_a_reply_byte: 0.05,
-    ns_a_visited_byte: 0.05,
+    ns_a_read_byte: 0.05,
 };
 
 fn stats(n: u32, window_share: f32) -> SceneStats {
     SceneStats {
         n: BoxCount::new(n),
         is_looked_at: true,
-        solid_share: 1.0,
+        valid_share: 1.0,
         median_size: 1.0,
         large_size: 1.2,
         window_share,
@@ -143,7 +143,7 @@ fn the_encoding_is_the_cheaper_one() {
     let encoding = |n, dear: &[Encoding]| {
         let mut calibration = Calibration::built_in(Isa::Avx512);
         for encoding in dear {
-            calibration.masks[encoding.place()] = 50.0;
+            calibration.masks[encoding.ordinal()] = 50.0;
         }
         plan(&stats(n, 0.1), &capabilities, &calibration, &CullOptions::default()).encoding
     };
@@ -170,10 +170,10 @@ fn a_look_that_is_spared_would_have_changed_nothing() {
             continue;
         }
         spared += 1;
-        for (window_share, solid_share, large_size, elongation) in
+        for (window_share, valid_share, large_size, elongation) in
             [(0.0, 0.0, 1.0, 1.0), (0.0001, 1.0, 1.0, 80.0), (0.5, 0.1, 1.0e6, 1.0)]
         {
-            let seen = SceneStats { solid_share, large_size, elongation, ..stats(n, window_share) };
+            let seen = SceneStats { valid_share, large_size, elongation, ..stats(n, window_share) };
             let planned = plan(&seen, &capabilities, &calibration, &options);
             let chosen = |plan: &Plan| (plan.engine, plan.encoding, plan.threads);
             assert_eq!(chosen(&planned), chosen(&at_best), "{n}");
@@ -183,27 +183,27 @@ fn a_look_that_is_spared_would_have_changed_nothing() {
 }
 
 /// What a client does by itself counts as what an engine does: with more threads, it prefers what they
-/// visit sooner.
+/// iterate over sooner.
 #[test]
-fn threads_that_visit_pairs_count() {
+fn threads_that_iterate_pairs_count() {
     let many = stats(1_000_000, 0.01);
-    let visit_ns = |visit_threads: Option<usize>| {
+    let iterate_ns = |iterate_threads: Option<usize>| {
         let sparse = EncodingChoice::Only(Encoding::Sparse);
-        let options = CullOptions { visit_threads, encoding: sparse, ..CullOptions::default() };
+        let options = CullOptions { iterate_threads, encoding: sparse, ..CullOptions::default() };
         let plan = chosen(&many, Some(GPU), options);
         let candidate = plan.candidates.into_iter().flatten().find(|c| c.engine == plan.engine);
-        let Candidate { predicted_ns, visit_ns, .. } = candidate.expect("the chosen one");
-        assert!(visit_ns > 0.0 && visit_ns < predicted_ns);
-        visit_ns
+        let Candidate { predicted_ns, iterate_ns, .. } = candidate.expect("the chosen one");
+        assert!(iterate_ns > 0.0 && iterate_ns < predicted_ns);
+        iterate_ns
     };
-    assert_eq!(visit_ns(None).to_bits(), visit_ns(Some(1)).to_bits());
-    assert!(visit_ns(Some(8)) < 0.3 * visit_ns(Some(1)));
+    assert_eq!(iterate_ns(None).to_bits(), iterate_ns(Some(1)).to_bits());
+    assert!(iterate_ns(Some(8)) < 0.3 * iterate_ns(Some(1)));
     let of = |gpu| {
         let engine = EngineChoice::Only(EngineName::GpuGrid);
         chosen(&many, Some(gpu), CullOptions { engine, ..CullOptions::default() })
     };
-    let far = GpuCost { ns_a_visited_byte: 5.0, ..GPU };
-    assert!(of(far).candidates[4].expect("asked for").visit_ns > 0.0);
+    let far = GpuCost { ns_a_read_byte: 5.0, ..GPU };
+    assert!(of(far).candidates[4].expect("asked for").iterate_ns > 0.0);
     assert_eq!(of(far).encoding, Encoding::List, "fewest bytes");
 }
 

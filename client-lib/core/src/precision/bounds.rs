@@ -62,7 +62,7 @@ impl Bounds {
         Ok(Self { low, high })
     }
 
-    /// The tightest bounds around the finite coordinates of the solid boxes; a point at the origin
+    /// The tightest bounds around the finite coordinates of the valid boxes; a point at the origin
     /// where there are none. Reads every box, large scenes on the rayon pool.
     pub fn around(boxes: &[Aabb]) -> Self {
         let of = |boxes: &[Aabb]| boxes.iter().fold(Extremes::NONE, Extremes::with);
@@ -101,7 +101,7 @@ impl Extremes {
 
     fn with(mut self, b: &Aabb) -> Self {
         let (keys, class) = KeyBox::classify(b);
-        if class == BoxClass::Solid {
+        if class == BoxClass::Valid {
             for axis in 0..3 {
                 let faces = [keys.min[axis], keys.max[axis]].into_iter();
                 for key in faces.filter(|key| FINITE_KEYS.contains(key)) {
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn bounds_go_around_finite_coordinates_of_solid_boxes() {
+    fn bounds_go_around_finite_coordinates_of_valid_boxes() {
         let ground = Aabb::from([-2.0, f32::NEG_INFINITY, -2.0, 2.0, 0.5, 2.0]);
         let invalid = Aabb::from([f32::NAN, 0.0, 0.0, 900.0, 900.0, 900.0]);
         let found = Bounds::around(&[ground, Aabb::EMPTY, invalid, Aabb::from([1.0; 6])]);

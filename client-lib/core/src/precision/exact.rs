@@ -24,13 +24,13 @@ pub(crate) fn widen(x: f32) -> f64 {
 
 /// Whether `min <= max` on every axis: false for empty boxes, and for NaN.
 #[inline(always)]
-pub(super) fn is_solid(min: &[f64; 3], max: &[f64; 3]) -> bool {
-    let mut solid = true;
+pub(super) fn is_valid(min: &[f64; 3], max: &[f64; 3]) -> bool {
+    let mut valid = true;
     for axis in 0..3 {
         // Without short circuit: a branch for each axis would cost more.
-        solid &= min[axis] <= max[axis];
+        valid &= min[axis] <= max[axis];
     }
-    solid
+    valid
 }
 
 /// Boxes that are converted together: enough for the compiler to fill its registers.
@@ -40,11 +40,11 @@ pub(super) const GROUP_WORDS: usize = 6 * GROUP;
 /// The coordinates of a group, box by box.
 pub(super) type Group = [f32; GROUP_WORDS];
 
-/// Whether every box of a group is solid.
+/// Whether every box of a group is valid.
 ///
 /// Plain loops over arrays of one length: compilers turn them into SIMD code.
 #[inline(always)]
-pub(super) fn is_solid_group(group: &Group) -> bool {
+pub(super) fn is_valid_group(group: &Group) -> bool {
     let mut wide = [0.0; GROUP_WORDS];
     for at in 0..GROUP_WORDS {
         wide[at] = widen(group[at]);
@@ -61,7 +61,7 @@ pub(super) fn is_solid_group(group: &Group) -> bool {
     wrong == 0
 }
 
-/// The form of a box that is not solid.
+/// The form of a box that is not valid.
 #[cold]
 pub(super) fn without_points<B>(b: &Aabb, empty: B, invalid: B) -> B {
     if b.class() == BoxClass::Invalid { invalid } else { empty }

@@ -5,7 +5,7 @@
 //! that is not above x, the smallest one that is not below it. Beyond ±65,504, the largest half, x
 //! goes to an infinity if that is outward, and to ±65,504 if not. Subnormal halves are numbers.
 
-use super::exact::{GROUP_WORDS, Group, is_solid, widen, without_points};
+use super::exact::{GROUP_WORDS, Group, is_valid, widen, without_points};
 use super::narrow::BoxF16;
 use crate::aabb::{Aabb, INFINITY_BITS};
 
@@ -68,7 +68,7 @@ pub(super) fn expand(half: u16) -> f32 {
 /// Value of the last place of every subnormal half: 2⁻²⁴.
 const SUBNORMAL_HALF_UNIT: f32 = f32::from_bits((127 - 24) << 23);
 
-/// A group of solid boxes in halves.
+/// A group of valid boxes in halves.
 #[inline(always)]
 pub(super) fn narrow_group(group: &Group) -> [u16; GROUP_WORDS] {
     let mut halves = [0; GROUP_WORDS];
@@ -81,7 +81,7 @@ pub(super) fn narrow_group(group: &Group) -> [u16; GROUP_WORDS] {
 #[inline(always)]
 pub(super) fn narrow(b: &Aabb) -> BoxF16 {
     let (min, max) = (b.min.map(widen), b.max.map(widen));
-    if !is_solid(&min, &max) {
+    if !is_valid(&min, &max) {
         return without_points(b, BoxF16::EMPTY, BoxF16::INVALID);
     }
     BoxF16 { min: b.min.map(|x| half(x, false)), max: b.max.map(|x| half(x, true)) }
@@ -167,7 +167,7 @@ mod tests {
     #[test]
     fn classes_survive() {
         let barely = Aabb::from([1.0f32.next_up(), 0.0, 0.0, 1.0, 1.0, 1.0]);
-        assert_eq!(narrow(&barely), BoxF16::EMPTY, "halves alone would make it solid");
+        assert_eq!(narrow(&barely), BoxF16::EMPTY, "halves alone would make it valid");
         let mut invalid = Aabb::from([0.0; 6]);
         invalid.min[0] = f32::NAN;
         assert_eq!(narrow(&invalid), BoxF16::INVALID);

@@ -52,7 +52,7 @@ impl Margin {
     /// A box whose faces lie outward by the margin and up to two steps of f32 more. Empty and
     /// invalid boxes stay as they are.
     ///
-    /// The inflated box is the same whatever the floating-point flags of this thread.
+    /// The inflated box is the same regardless of the floating-point flags of this thread.
     pub fn inflate(self, b: &Aabb) -> Aabb {
         floats::with_default(|| self.inflate_with_default_flags(b))
     }
@@ -70,7 +70,7 @@ impl Margin {
     #[inline]
     pub(crate) fn inflate_with_default_flags(self, b: &Aabb) -> Aabb {
         debug_assert!(floats::are_default(), "boxes are inflated with the default flags");
-        if b.class() != BoxClass::Solid {
+        if b.class() != BoxClass::Valid {
             return *b;
         }
         // The rounded difference is within half a step of the exact one: a step is enough.

@@ -77,7 +77,7 @@ pub(super) trait NarrowBox: Pod + Send + Sync {
     type Lanes;
     /// Lays an encoder out for groups.
     fn lanes(encoder: &Self::Encoder) -> Self::Lanes;
-    /// The forms of a group of solid boxes.
+    /// The forms of a group of valid boxes.
     fn narrow_group(group: &Group, lanes: &Self::Lanes) -> [Self; GROUP];
     /// The form of a box.
     fn narrow(b: &Aabb, encoder: &Self::Encoder) -> Self;
@@ -438,9 +438,9 @@ mod tests {
             (BoxQ16::INVALID.expand(), BoxClass::Invalid),
             (BoxQ8::INVALID.expand(), BoxClass::Invalid),
             (BoxF16::INVALID.expand(), BoxClass::Invalid),
-            (BoxQ16 { min: [u16::MAX; 3], max: [u16::MAX; 3] }.expand(), BoxClass::Solid),
-            (BoxQ16 { min: [0; 3], max: [0; 3] }.expand(), BoxClass::Solid),
-            (BoxQ8 { min: [255, 0, 0], max: [255; 3] }.expand(), BoxClass::Solid),
+            (BoxQ16 { min: [u16::MAX; 3], max: [u16::MAX; 3] }.expand(), BoxClass::Valid),
+            (BoxQ16 { min: [0; 3], max: [0; 3] }.expand(), BoxClass::Valid),
+            (BoxQ8 { min: [255, 0, 0], max: [255; 3] }.expand(), BoxClass::Valid),
         ] {
             assert_eq!(b.class(), class, "{b:?}");
         }

@@ -20,10 +20,10 @@ impl Aabb {
     /// d = fl(x − origin) is the f64 nearest to the exact difference, and e = (x − origin) − d is
     /// known exactly (two-sum, Knuth). r = the f32 nearest to d, moved one step outward where it is
     /// on the wrong side of d. Where r ≠ d, a whole step of f64 lies between r and d, and the exact
-    /// difference is within half a step of d. Where r = d, the sign of e tells on which side the
+    /// difference is within half a step of d. Where r = d, the sign of e shows on which side the
     /// exact difference is.
     ///
-    /// All of it is computed with the default floating-point flags, whatever those of this thread: the
+    /// All of it is computed with the default floating-point flags, regardless of those of this thread: the
     /// boxes of a frame may come from several threads, and r is one function of x for all of them.
     ///
     /// ```
@@ -145,7 +145,7 @@ mod tests {
         let at = |min: f64, max: f64, origin: f64| {
             Aabb::outward_from_f64([min; 3], [max; 3], [origin; 3]).class()
         };
-        assert_eq!(at(1.0f64.next_up(), 1.0, 0.0), BoxClass::Empty, "f32 would make it solid");
+        assert_eq!(at(1.0f64.next_up(), 1.0, 0.0), BoxClass::Empty, "f32 would make it valid");
         assert_eq!(at(f64::NAN, 1.0, 0.0), BoxClass::Invalid);
         assert_eq!(at(0.0, 1.0, f64::NAN), BoxClass::Invalid);
         assert_eq!(at(f64::INFINITY, f64::INFINITY, f64::INFINITY), BoxClass::Invalid);
@@ -154,6 +154,6 @@ mod tests {
                 assert_eq!(at(min, max, origin), BoxClass::Invalid, "{min} to {max} from {origin}");
             }
         }
-        assert_eq!(at(f64::NEG_INFINITY, f64::INFINITY, 7.0), BoxClass::Solid);
+        assert_eq!(at(f64::NEG_INFINITY, f64::INFINITY, 7.0), BoxClass::Valid);
     }
 }

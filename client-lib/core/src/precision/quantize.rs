@@ -25,7 +25,7 @@
 //! products, so cells are computed with the default flags ([`crate::floats`]).
 
 use super::bounds::Bounds;
-use super::exact::{GROUP_WORDS, Group, is_solid, widen};
+use super::exact::{GROUP_WORDS, Group, is_valid, widen};
 use super::narrow::{BoxQ8, BoxQ16, NarrowBox};
 use crate::aabb::Aabb;
 use crate::floats;
@@ -72,7 +72,7 @@ impl Lanes {
         }
     }
 
-    /// The cells of a group of solid boxes.
+    /// The cells of a group of valid boxes.
     #[inline(always)]
     pub(super) fn cells(&self, group: &Group) -> [i32; GROUP_WORDS] {
         debug_assert!(floats::are_default(), "cells are computed with the default flags");
@@ -134,21 +134,21 @@ impl Quantizer {
         cell((x - self.low[axis]) * self.scale[axis], self.last)
     }
 
-    /// The cells of a box's min and max, on a thread with the default flags; `None` where it is not solid.
+    /// The cells of a box's min and max, on a thread with the default flags; `None` where it is not valid.
     #[inline(always)]
     pub(super) fn cells(&self, b: &Aabb) -> Option<[[i32; 3]; 2]> {
         let (min, max) = (b.min.map(widen), b.max.map(widen));
         let cells = |x: [f64; 3]| std::array::from_fn(|axis| self.cell(axis, x[axis]));
-        is_solid(&min, &max).then(|| [cells(min), cells(max)])
+        is_valid(&min, &max).then(|| [cells(min), cells(max)])
     }
 
-    /// A box in 16-bit cells: the same ones whatever the flags of this thread.
+    /// A box in 16-bit cells: the same ones regardless of the flags of this thread.
     #[inline]
     pub fn q16(&self, b: &Aabb) -> BoxQ16 {
         floats::with_default(|| BoxQ16::narrow(b, self))
     }
 
-    /// A box in 8-bit cells: the same ones whatever the flags of this thread.
+    /// A box in 8-bit cells: the same ones regardless of the flags of this thread.
     #[inline]
     pub fn q8(&self, b: &Aabb) -> BoxQ8 {
         floats::with_default(|| BoxQ8::narrow(b, self))
@@ -247,7 +247,7 @@ mod tests {
         let bounds = Bounds::new([0.0; 3], [1.0; 3]).expect("bounds");
         let quantizer = Quantizer::new(&bounds, Q16_CELLS);
         let barely = Aabb::from([0.5f32.next_up(), 0.0, 0.0, 0.5, 1.0, 1.0]);
-        assert_eq!(quantizer.q16(&barely), BoxQ16::EMPTY, "cells alone would make it solid");
+        assert_eq!(quantizer.q16(&barely), BoxQ16::EMPTY, "cells alone would make it valid");
         let subnormal = Aabb::from([3e-45, 0.0, 0.0, 1e-45, 1.0, 1.0]);
         assert_eq!(quantizer.q16(&subnormal), BoxQ16::EMPTY);
         let mut invalid = Aabb::EMPTY;

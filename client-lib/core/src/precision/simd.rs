@@ -1,7 +1,7 @@
 //! The conversion loops, compiled for each instruction set. The results are the same: no step of them
 //! rounds differently anywhere.
 
-use super::exact::{GROUP, Group, is_solid_group};
+use super::exact::{GROUP, Group, is_valid_group};
 use super::narrow::NarrowBox;
 use crate::aabb::Aabb;
 use crate::floats;
@@ -27,7 +27,7 @@ per_isa! {
         let (out_groups, out_rest) = out.as_chunks_mut::<GROUP>();
         for (out, boxes) in out_groups.iter_mut().zip(groups) {
             let group: &Group = bytemuck::cast_ref(boxes);
-            if is_solid_group(group) {
+            if is_valid_group(group) {
                 *out = B::narrow_group(group, &lanes);
             } else {
                 *out = boxes.map(|b| B::narrow(&b, encoder));

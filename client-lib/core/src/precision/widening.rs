@@ -21,7 +21,7 @@ pub enum Widening {
     #[default]
     None,
     /// A cell on each axis. Boxes outside the bounds on one side count as overlapping on that axis,
-    /// whatever their gap.
+    /// regardless of their gap.
     Cells {
         /// Size of a cell on each axis, rounded up.
         size: [f64; 3],
@@ -173,7 +173,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(20_000))]
 
-        /// Two faces that halves do not tell apart are no farther apart than the limit, at any place.
+        /// Two faces that halves do not distinguish are no farther apart than the limit, at any place.
         #[test]
         fn halves_keep_to_their_limit(bits in any::<u32>(), by in 0u32..20_000) {
             let ends = f32::from_bits(bits);

@@ -1,29 +1,29 @@
-//! What a scene tells: pairs that began and ended, or pairs that there are.
+//! What a scene reports: pairs that began and ended, or pairs that there are.
 
 use std::sync::Arc;
 
 use super::pair_list::Pair;
 use crate::engine::PairSkips;
 
-/// Changes that are told as such even where all pairs are fewer: 32 KiB.
+/// Changes that are reported as such even where all pairs are fewer: 32 KiB.
 const RESYNC_LEAST: u64 = 4_096;
 
-/// Whether so many changes are told as a resync: the `pair_count` pairs of now are fewer.
+/// Whether so many changes are reported as a resync: the `pair_count` pairs of now are fewer.
 pub const fn is_resync_due(changes: u64, pair_count: u64) -> bool {
     changes > if pair_count > RESYNC_LEAST { pair_count } else { RESYNC_LEAST }
 }
 
-/// Which answer a client wants of an edit.
+/// Which answer a client asks of an edit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Report {
     /// Pairs that began and ended since the last answer that was acknowledged: by a session, waited for.
     #[default]
     Changes,
-    /// Pairs of now with at least one box that this edit named: that it set, switched, made static or not, or gave
+    /// Pairs of now with at least one box that this edit named: that it set, enabled or disabled, made static or not, or gave
     /// filter data, or that is in a pair which it listed, whether that changed anything or not; and those whose
     /// filter is another one by the edit's new table. In a [shared scene](super::shared), boxes that the edit of any
-    /// member named at a tick since the last answer that this member received, whatever that reported; all boxes
+    /// member named at a tick since the last answer that this member received, regardless of what that reported; all boxes
     /// where it has received none.
     Moved,
     /// All pairs of now.
@@ -38,7 +38,7 @@ pub enum Report {
 pub enum EndReason {
     /// A box of the pair was removed, also where its index has a new box.
     Removed,
-    /// A box of the pair is switched off now, both are static now, or [rules](crate::filters) keep them apart.
+    /// A box of the pair is disabled now, both are static now, or [rules](crate::filters) keep them apart.
     Filtered,
     /// The boxes overlap no more.
     Separated,
@@ -53,7 +53,7 @@ pub struct Ended {
     pub reason: EndReason,
 }
 
-/// Work that an answer left out. Pairs are those of boxes that are present and switched on: n(n − 1)/2
+/// Work that an answer left out. Pairs are those of boxes that are present and enabled: n(n − 1)/2
 /// of n boxes. Each is counted once: as tested or by the first reason that holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
@@ -116,7 +116,7 @@ impl SceneSkips {
     }
 }
 
-/// An answer. All its lists are sorted by (a, b), a < b: the bytes are the same whatever the number of
+/// An answer. All its lists are sorted by (a, b), a < b: the bytes are the same regardless of the number of
 /// threads, and however the pairs were found.
 #[derive(Clone, Debug, Default)]
 pub struct Reported {
@@ -137,7 +137,7 @@ impl Reported {
     }
 
     /// Pairs of now, for [`Report::All`], [`Report::Moved`], and [`Report::Changes`] where it is a resync.
-    /// `pair_count` are those of the whole scene, where the answer tells them.
+    /// `pair_count` are those of the whole scene, where the answer reports them.
     pub fn of_pairs(report: Report, pairs: Arc<Vec<[u32; 2]>>, pair_count: u64) -> Self {
         Self { report, resync: report == Report::Changes, pairs, pair_count, ..Self::default() }
     }
@@ -166,7 +166,7 @@ impl Reported {
     }
 
     /// Whether changes were asked for and [`pairs`](Self::pairs) holds all pairs instead: because those
-    /// are fewer than the changes, or the scene has lost track of what it reported. The client forgets the
+    /// are fewer than the changes, or the scene has lost track of what it reported. The client drops the
     /// pairs that it knows.
     pub const fn is_resync(&self) -> bool {
         self.resync

@@ -2,18 +2,18 @@
 
 use std::borrow::Cow;
 
-use super::edit::{Edit, Indices, Sets, Step, Tags};
+use super::edit::{Edit, FilterDataSets, Indices, Sets, Step};
 use super::error::EditError;
 use super::fetch::ask_for;
-use super::kept::KeptBox;
 use super::rules::{FilterHistory, apply_rules};
+use super::snapshot::BoxSnapshot;
 use super::states::{BoxStates, EDIT_REMOVES, EDIT_SETS, PRESENT, grow};
 use crate::aabb::Aabb;
-use crate::filters::{Rules, Tag};
+use crate::filters::{FilterData, Rules};
 use crate::write::par_write_boxes;
 
 /// Boxes, flags and collision filters of a scene, by index: 25 bytes an index, and 12 more up to the last one with
-/// a tag. It checks edits as the scene does, and applies them; it knows nothing of pairs.
+/// filter data. It checks edits as the scene does, and applies them; it knows nothing of pairs.
 ///
 /// ```
 /// use pairmask_core::Aabb;
@@ -44,15 +44,15 @@ pub struct WholeScene<'a> {
     /// Words of a bitmask of the indices, where not every one has a box.
     present: Option<Vec<u32>>,
     boxes: Cow<'a, [Aabb]>,
-    off: Vec<u32>,
+    disabled: Vec<u32>,
     statics: Vec<u32>,
-    /// Boxes with indices that are tagged, and their tags: those that are not the default ones.
-    tagged: Vec<u32>,
-    tags: Vec<Tag>,
+    /// Boxes with indices that are given filter data, and their filter data: those that are not the default ones.
+    filtered: Vec<u32>,
+    filter_data: Vec<FilterData>,
     rules: Option<WholeRules<'a>>,
 }
 
-/// All rules of a scene but the tags.
+/// All rules of a scene but the filter data.
 #[derive(Debug)]
 struct WholeRules<'a> {
     rules: &'a Rules,
@@ -66,7 +66,7 @@ impl SceneCopy {
         Self { boxes: Vec::new(), states: BoxStates::without_history(), limit }
     }
 
-    /// Boxes, those that are switched off too.
+    /// Boxes, those that are disabled too.
     pub const fn len(&self) -> usize {
         self.states.present()
     }
@@ -81,7 +81,7 @@ impl SceneCopy {
         self.states.index_end()
     }
 
-    /// The box of an index, also one that is switched off.
+    /// The box of an index, also one that is disabled.
     #[inline]
     pub fn get(&self, index: u32) -> Option<Aabb> {
         self.states.has(index, PRESENT).then(|| self.boxes[index as usize])
@@ -95,8 +95,8 @@ impl SceneCopy {
     }
 
     /// The box of an index and its flags.
-    pub fn kept(&self, index: u32) -> Option<KeptBox> {
-        Some(KeptBox::of(self.get(index)?, index, &self.states))
+    pub fn snapshot(&self, index: u32) -> Option<BoxSnapshot> {
+        Some(BoxSnapshot::of(self.get(index)?, index, &self.states))
     }
 
     /// What is known of each index beside its box.
@@ -112,7 +112,7 @@ impl SceneCopy {
     /// Checks an edit. Where it is right, [`apply`](Self::apply) or [`cancel`](Self::cancel) is to follow.
     ///
     /// # Errors
-    /// [`EditError`]; the edit is forgotten then.
+    /// [`EditError`]; the edit is dropped then.
     pub fn check(&mut self, edit: Edit<'_>) -> Result<(), EditError> {
         self.states.check(edit, self.limit, |len| grow(&mut self.boxes, len, Aabb::EMPTY))
     }
@@ -133,7 +133,7 @@ impl SceneCopy {
         tables.flat_map(|table| self.states.filters.named_by(table, &self.states)).for_each(f);
     }
 
-    /// Forgets an edit that was checked.
+    /// Drops an edit that was checked.
     pub fn cancel(&mut self, edit: Edit<'_>) {
         self.states.unmark(edit);
     }
@@ -167,7 +167,7 @@ impl SceneCopy {
     /// All of it, to make the scene again from nothing.
     pub fn whole(&self) -> WholeScene<'_> {
         let all = (self.len() == self.index_end()).then_some(&self.boxes[..]);
-        WholeScene::of(self.index_end(), all, |index| self.kept(index), &self.states.filters)
+        WholeScene::of(self.index_end(), all, |index| self.snapshot(index), &self.states.filters)
     }
 }
 
@@ -177,36 +177,36 @@ impl<'a> WholeScene<'a> {
     pub(super) fn of(
         end: usize,
         in_place: Option<&'a [Aabb]>,
-        kept: impl Fn(u32) -> Option<KeptBox>,
+        snapshot: impl Fn(u32) -> Option<BoxSnapshot>,
         filters: &'a FilterHistory,
     ) -> Self {
         let words = || vec![0u32; end.div_ceil(32)];
         let (mut all, mut boxes) = (words(), Vec::new());
-        let (mut off, mut statics) = (words(), words());
+        let (mut disabled, mut statics) = (words(), words());
         let rules = filters.is_used().then(|| {
             let rules = filters.rules();
             let (included, excluded) = (rules.lists.included(), rules.lists.excluded());
             WholeRules { rules, included: included.collect(), excluded: excluded.collect() }
         });
-        let (mut tagged, mut tags) = (Vec::new(), Vec::new());
+        let (mut filtered, mut filter_data) = (Vec::new(), Vec::new());
         for index in 0..end as u32 {
-            let Some(KeptBox { b, is_on, is_static }) = kept(index) else { continue };
+            let Some(BoxSnapshot { b, is_on, is_static }) = snapshot(index) else { continue };
             let (word, bit) = (index as usize / 32, 1 << (index % 32));
             all[word] |= bit;
             if in_place.is_none() {
                 boxes.push(b);
             }
-            off[word] |= if is_on { 0 } else { bit };
+            disabled[word] |= if is_on { 0 } else { bit };
             statics[word] |= if is_static { bit } else { 0 };
-            let tag = filters.rules().tag(index);
-            if tag != Tag::default() {
-                tagged.push(index);
-                tags.push(tag);
+            let filter_datum = filters.rules().filter_data(index);
+            if filter_datum != FilterData::default() {
+                filtered.push(index);
+                filter_data.push(filter_datum);
             }
         }
         let present = in_place.is_none().then_some(all);
         let boxes = in_place.map_or(boxes.into(), Cow::from);
-        Self { present, boxes, off, statics, tagged, tags, rules }
+        Self { present, boxes, disabled, statics, filtered, filter_data, rules }
     }
 
     /// The steps of an edit that makes the scene where there is no box.
@@ -216,12 +216,15 @@ impl<'a> WholeScene<'a> {
         let indices = self.present.as_deref().map_or(all, flagged);
         let mut steps = vec![
             Step::Set(Sets { indices, boxes: &self.boxes }),
-            Step::Switch(flagged(&self.off), false),
+            Step::Enable(flagged(&self.disabled), false),
             Step::Static(flagged(&self.statics), true),
         ];
         if let Some(WholeRules { rules, included, excluded }) = &self.rules {
             steps.extend([
-                Step::Tag(Tags { indices: (&self.tagged).into(), tags: &self.tags }),
+                Step::FilterData(FilterDataSets {
+                    indices: (&self.filtered).into(),
+                    filter_data: &self.filter_data,
+                }),
                 Step::Filters(&rules.table),
                 Step::Include(included, true),
                 Step::Exclude(excluded, true),
@@ -252,8 +255,8 @@ fn set_sorted(
     (list, new): (&[u32], &[Aabb]),
 ) -> usize {
     if list.len() < 2 * PART_BOXES {
-        let places = list.iter().map(|index| *index as usize - first);
-        return places.zip(new).map(|(at, b)| set(&mut boxes[at], &mut flags[at], b)).sum();
+        let slots = list.iter().map(|index| *index as usize - first);
+        return slots.zip(new).map(|(at, b)| set(&mut boxes[at], &mut flags[at], b)).sum();
     }
     let half = list.len() / 2;
     let middle = list[half] as usize;
@@ -303,12 +306,12 @@ mod tests {
             (&[set(3, 70)], true),
             (&[set(89, 2)], false),
             (&[Step::Remove(one(2))], false),
-            (&[Step::Remove(one(5)), Step::Switch(one(5), false)], false),
+            (&[Step::Remove(one(5)), Step::Enable(one(5), false)], false),
             (&[Step::Remove(one(5)), set(5, 1), Step::Static(one(5), true)], true),
             (&[set(7, 2), set(8, 1)], false),
             (&[Step::Static((9..30).into(), true), Step::Static((10..12).into(), false)], true),
-            (&[Step::Switch((20..40).into(), false), Step::Remove((50..60).into())], true),
-            (&[Step::Switch(one(21), true), Step::Remove(one(20))], true),
+            (&[Step::Enable((20..40).into(), false), Step::Remove((50..60).into())], true),
+            (&[Step::Enable(one(21), true), Step::Remove(one(20))], true),
             (&[Step::Remove(one(22)), set(22, 3)], true),
             (&[Step::Remove(one(23)), Step::Remove(one(23))], false),
             (&[set(u32::MAX, 0), Step::Remove((u32::MAX..u32::MAX).into())], true),

@@ -2,11 +2,11 @@
 
 use std::ops::Range;
 
-use super::edit::{Indices, Sets, Step, Tags};
+use super::edit::{FilterDataSets, Indices, Sets, Step};
 use super::error::EditError;
 use super::margins::MarginedSets;
 use crate::aabb::Aabb;
-use crate::filters::Tag;
+use crate::filters::FilterData;
 use crate::precision::Margin;
 
 /// What an edit sets one by one, or by a function; kept, so that steady edits allocate nothing.
@@ -22,10 +22,10 @@ pub struct Draft {
     pub filled: Vec<Aabb>,
     /// Indices of boxes that are removed one by one.
     pub removed: Vec<u32>,
-    /// Indices of boxes that are tagged one by one.
-    pub tagged: Vec<u32>,
-    /// Their tags.
-    pub tags: Vec<Tag>,
+    /// Indices of boxes that are given filter data one by one.
+    pub filtered: Vec<u32>,
+    /// Their filter data.
+    pub filter_data: Vec<FilterData>,
 }
 
 /// What an edit does beside its [`Draft`].
@@ -47,8 +47,8 @@ impl Draft {
         self.margins.clear();
         self.filled.clear();
         self.removed.clear();
-        self.tagged.clear();
-        self.tags.clear();
+        self.filtered.clear();
+        self.filter_data.clear();
     }
 
     fn singles(&self) -> Option<Sets<'_>> {
@@ -58,9 +58,9 @@ impl Draft {
 
     /// What functions gave.
     fn filled<'a>(&'a self, given: &Given<'a>) -> impl Iterator<Item = Sets<'a>> {
-        let sets = move |(indices, place): &(Indices<'a>, Range<usize>)| Sets {
+        let sets = move |(indices, slot): &(Indices<'a>, Range<usize>)| Sets {
             indices: *indices,
-            boxes: &self.filled[place.clone()],
+            boxes: &self.filled[slot.clone()],
         };
         given.fills.iter().map(sets)
     }
@@ -74,8 +74,11 @@ impl Draft {
             steps.push(Step::Remove(Indices::List(&self.removed)));
         }
         steps.extend(self.singles().map(Step::Set));
-        if !self.tagged.is_empty() {
-            steps.push(Step::Tag(Tags { indices: Indices::List(&self.tagged), tags: &self.tags }));
+        if !self.filtered.is_empty() {
+            steps.push(Step::FilterData(FilterDataSets {
+                indices: Indices::List(&self.filtered),
+                filter_data: &self.filter_data,
+            }));
         }
         steps
     }

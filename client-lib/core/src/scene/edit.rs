@@ -6,7 +6,7 @@
 use std::ops::Range;
 
 use crate::aabb::Aabb;
-use crate::filters::{FilterTable, Tag};
+use crate::filters::{FilterData, FilterTable};
 
 /// Indices of a list that are looked at before it is known whether they rise.
 const CHECKED_TOGETHER: usize = 1 << 12;
@@ -118,13 +118,13 @@ pub struct Sets<'a> {
     pub boxes: &'a [Aabb],
 }
 
-/// Tags and where they belong: the tag at a place belongs to the index at the same place.
+/// Filter data and where they belong: the entry at a position belongs to the index at the same place.
 #[derive(Clone, Copy, Debug)]
-pub struct Tags<'a> {
+pub struct FilterDataSets<'a> {
     /// The indices.
     pub indices: Indices<'a>,
-    /// A tag for each.
-    pub tags: &'a [Tag],
+    /// filter data for each.
+    pub filter_data: &'a [FilterData],
 }
 
 /// What a step of an edit does.
@@ -133,16 +133,16 @@ pub struct Tags<'a> {
 pub enum Step<'a> {
     /// Removes boxes.
     Remove(Indices<'a>),
-    /// Sets boxes; inserts those that are absent, switched on and not static.
+    /// Sets boxes; inserts those that are absent, enabled and not static.
     Set(Sets<'a>),
     /// Switches boxes off (`false`: they overlap nothing and stay what they are) or on.
-    Switch(Indices<'a>, bool),
+    Enable(Indices<'a>, bool),
     /// Makes boxes static (`true`: two static boxes are no pair) or not.
     Static(Indices<'a>, bool),
-    /// Gives boxes their [tags](crate::filters). A box that is inserted has [`Tag::default`]. Whether a box
-    /// itself is static, [`Static`](Self::Static) says, and not its tag.
-    Tag(Tags<'a>),
-    /// The filters that tags name, in place of all before.
+    /// Gives boxes their [filter data](crate::filters). A box that is inserted has [`FilterData::default`]. Whether a box
+    /// itself is static, [`Static`](Self::Static) says, and not its filter data.
+    FilterData(FilterDataSets<'a>),
+    /// The filters that filter data names, in place of all before.
     Filters(&'a FilterTable),
     /// Puts pairs of indices on the include list, or takes them off.
     Include(&'a [[u32; 2]], bool),
@@ -153,12 +153,15 @@ pub enum Step<'a> {
 impl Step<'_> {
     /// Whether it is about collision filters.
     pub const fn is_rule(&self) -> bool {
-        matches!(self, Self::Tag(_) | Self::Filters(_) | Self::Include(..) | Self::Exclude(..))
+        matches!(
+            self,
+            Self::FilterData(_) | Self::Filters(_) | Self::Include(..) | Self::Exclude(..)
+        )
     }
 }
 
-/// An edit: steps, which are done in the order of their kinds, whatever the order in the slice: all
-/// removals, all sets, then switches and static flags in the order given, then what is about rules.
+/// An edit: steps, which are done in the order of their kinds, regardless of the order in the slice: all
+/// removals, all sets, then enabled and static flags in the order given, then what is about rules.
 ///
 /// An index may be removed and set in one edit: it is another box then, whose pairs all begin.
 ///
@@ -229,9 +232,9 @@ impl<'a> Edit<'a> {
     pub(super) fn last_named(&self) -> Option<u64> {
         let last = |step: &Step<'_>| match step {
             Step::Remove(indices)
-            | Step::Switch(indices, _)
+            | Step::Enable(indices, _)
             | Step::Static(indices, _)
-            | Step::Tag(Tags { indices, .. }) => indices.last(),
+            | Step::FilterData(FilterDataSets { indices, .. }) => indices.last(),
             _ => None,
         };
         self.steps.iter().filter_map(last).max()
@@ -248,14 +251,16 @@ impl<'a> Edit<'a> {
         self.steps.iter().filter_map(last).max()
     }
 
-    /// The first step whose boxes or tags are not as many as its indices: indices and those.
+    /// The first step whose boxes or filter data are not as many as its indices: indices and those.
     pub fn uneven(&self) -> Option<(usize, usize)> {
         let mut lengths = self.steps.iter().filter_map(|step| match step {
             Step::Set(Sets { indices, boxes }) => Some((indices.len(), boxes.len())),
-            Step::Tag(Tags { indices, tags }) => Some((indices.len(), tags.len())),
+            Step::FilterData(FilterDataSets { indices, filter_data }) => {
+                Some((indices.len(), filter_data.len()))
+            }
             _ => None,
         });
-        lengths.find(|(indices, items)| indices != items)
+        lengths.find(|(indices, entries)| indices != entries)
     }
 
     /// The indices that it removes.
@@ -282,18 +287,18 @@ impl<'a> Edit<'a> {
     pub(super) fn for_each_flag(&self, mut f: impl FnMut(u32, Flag)) {
         for step in self.steps {
             match *step {
-                Step::Switch(indices, on) => indices.for_each(|_, i| f(i, Flag::On(on))),
+                Step::Enable(indices, on) => indices.for_each(|_, i| f(i, Flag::On(on))),
                 Step::Static(indices, on) => indices.for_each(|_, i| f(i, Flag::Static(on))),
                 _ => {}
             }
         }
     }
 
-    /// Tags, in the order given.
-    pub(super) fn for_each_tag(&self, mut f: impl FnMut(u32, Tag)) {
+    /// Filter data, in the order given.
+    pub(super) fn for_each_filter_data(&self, mut f: impl FnMut(u32, FilterData)) {
         for step in self.steps {
-            if let Step::Tag(Tags { indices, tags }) = step {
-                indices.for_each(|at, i| f(i, tags[at]));
+            if let Step::FilterData(FilterDataSets { indices, filter_data }) = step {
+                indices.for_each(|at, i| f(i, filter_data[at]));
             }
         }
     }
@@ -303,7 +308,7 @@ impl<'a> Edit<'a> {
     pub(super) fn for_each_named(&self, mut f: impl FnMut(u32)) {
         self.for_each_set(|index, _| f(index));
         self.for_each_flag(|index, _| f(index));
-        self.for_each_tag(|index, _| f(index));
+        self.for_each_filter_data(|index, _| f(index));
         for step in self.steps {
             if let Step::Include(pairs, _) | Step::Exclude(pairs, _) = step {
                 pairs.as_flattened().iter().for_each(|index| f(*index));
@@ -311,14 +316,14 @@ impl<'a> Edit<'a> {
         }
     }
 
-    /// Bytes that its rules may take where they are kept, beside tags.
+    /// Bytes that its rules may take where they are kept, beside filter data.
     pub fn rule_bytes(&self) -> usize {
         /// A pair in the tables of now and of then, half of whose places are free.
         const PAIR_BYTES: usize = 64;
         let bytes = |step: &Step<'_>| match step {
             Step::Filters(table) => 2 * table.allocated_bytes(),
             Step::Include(pairs, _) | Step::Exclude(pairs, _) => PAIR_BYTES * pairs.len(),
-            Step::Tag(Tags { tags, .. }) => PAIR_BYTES * tags.len(),
+            Step::FilterData(FilterDataSets { filter_data, .. }) => PAIR_BYTES * filter_data.len(),
             _ => 0,
         };
         self.steps.iter().map(bytes).sum()
@@ -327,9 +332,9 @@ impl<'a> Edit<'a> {
     /// Whether it gives filter data other than those that boxes have without any.
     pub(super) fn gives_filter_data(&self) -> bool {
         self.steps.iter().any(|step| match step {
-            Step::Tag(Tags { tags, .. }) => {
-                tags.iter().any(|tag| tag.with_static(false) != Tag::default())
-            }
+            Step::FilterData(FilterDataSets { filter_data, .. }) => filter_data
+                .iter()
+                .any(|filter_data| filter_data.with_static(false) != FilterData::default()),
             Step::Filters(table) => !table.filters().is_empty(),
             Step::Include(pairs, on) | Step::Exclude(pairs, on) => *on && !pairs.is_empty(),
             _ => false,

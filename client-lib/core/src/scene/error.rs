@@ -27,8 +27,8 @@ pub enum EditError {
         /// Boxes that the scene may hold.
         limit: u32,
     },
-    /// A step with more or fewer boxes, or tags, than indices.
-    #[error("{indices} indices are set to {boxes} boxes or tags: give one for each")]
+    /// A step with more or fewer boxes, or filter data, than indices.
+    #[error("{indices} indices are set to {boxes} boxes or filter data: give one for each")]
     Lengths {
         /// Indices of the step.
         indices: usize,
@@ -49,7 +49,7 @@ pub enum EditError {
         /// The index.
         index: u32,
     },
-    /// An index without a box that is removed, switched, tagged or made static or not.
+    /// An index without a box that is removed, enabled or disabled, given filter data or made static or not.
     #[error("index {index} has no box")]
     Absent {
         /// The index.

@@ -2,12 +2,12 @@
 //!
 //! A pair that changed has a box that changed. So each of those is looked around, as the hull of what it
 //! was when the history began and what it is now, and each box found is tested both ways. Nothing is kept
-//! of what was told: however many answers were dropped, no change is told twice or never.
+//! of what was reported: however many answers were dropped, no change is reported twice or never.
 //!
-//! A pair of two changed boxes is found from both, and told from the one with the smaller index.
+//! A pair of two changed boxes is found from both, and reported from the one with the smaller index.
 
 use super::cells::{
-    BATCH, BATCHES, CHANGED, Candidate, Cells, INDEX, Looked, Probe, STATIC, in_stages, is_solid,
+    BATCH, BATCHES, CHANGED, Candidate, Cells, INDEX, Looked, Probe, STATIC, in_stages, is_valid,
 };
 use super::change::{WasIs, change, overlap};
 use super::fetch::ask_for;
@@ -109,8 +109,8 @@ impl Changes {
         let count = changed.len();
         if count >= SORTED_BOXES && count * SORTED_SHARE > store.boxes().len() {
             let numbered = changed.iter().zip(0u32..);
-            let places = numbered.map(|(index, number)| [cells.place(*index), number]);
-            in_order_of(places.collect(), order);
+            let positions = numbered.map(|(index, number)| [cells.position(*index), number]);
+            in_order_of(positions.collect(), order);
         }
         let parts = part_count(count, TASK_BOXES, threads);
         tasks.resize_with(parts, Search::default);
@@ -140,7 +140,7 @@ fn most_tests(store: &Store, searches: usize) -> i64 {
     TESTS_A_SEARCH * searches as i64 + TESTS_A_BOX * store.boxes().len() as i64
 }
 
-/// Whether two solid boxes overlap, about: whether they are better looked around at once.
+/// Whether two valid boxes overlap, about: whether they are better looked around at once.
 #[inline]
 fn are_near(a: &Aabb, b: &Aabb) -> bool {
     (0..3).all(|axis| a.min[axis] <= b.max[axis] && b.min[axis] <= a.max[axis])
@@ -162,23 +162,23 @@ impl Centre {
     /// Looks around it: once, where it has not gone far.
     fn probes(&self, mut add: impl FnMut(Seen, Probe)) {
         let (was, is) = (self.b.was.b, self.b.is.b);
-        match (is_solid(&was), is_solid(&is)) {
+        match (is_valid(&was), is_valid(&is)) {
             (false, false) => {}
             (true, true) if are_near(&was, &is) => {
                 add(Seen::Both, Probe::Both { was, is, dismisses: self.b.is_same() });
             }
-            (was_solid, is_solid) => {
-                if was_solid {
+            (was_valid, is_valid) => {
+                if was_valid {
                     add(Seen::Was, Probe::One { here: was, elsewhere: is });
                 }
-                if is_solid {
+                if is_valid {
                     add(Seen::Is, Probe::One { here: is, elsewhere: was });
                 }
             }
         }
     }
 
-    /// Tells whether its pair with a candidate began or ended.
+    /// Says whether its pair with a candidate began or ended.
     #[inline]
     fn report_changes(
         &self,
@@ -232,8 +232,8 @@ impl Search {
         // The boxes of a batch, by their places among all.
         let of_batch = |number: usize| {
             let start = (boxes.start + number * BATCH).min(boxes.end);
-            let places = start..(start + BATCH).min(boxes.end);
-            places.map(|place| order.get(place).map_or(place, |centre| *centre as usize))
+            let slots = start..(start + BATCH).min(boxes.end);
+            slots.map(|slot| order.get(slot).map_or(slot, |centre| *centre as usize))
         };
         let mut lot = TestLot::default();
         in_stages(batches, count, |stage, number, batch| {
@@ -323,23 +323,23 @@ pub(super) fn pairs_of_named(cells: &Cells, store: &Store, pairs: &mut Vec<Pair>
 }
 
 /// Adds numbers in the order of places, which stand before them: by counting, digit by digit.
-pub(super) fn in_order_of(mut places: Vec<[u32; 2]>, order: &mut Vec<u32>) {
+pub(super) fn in_order_of(mut slots: Vec<[u32; 2]>, order: &mut Vec<u32>) {
     const DIGIT: u32 = 11;
-    let mut sorted = vec![[0; 2]; places.len()];
-    let most = places.iter().map(|[place, _]| *place).max().unwrap_or(0);
+    let mut sorted = vec![[0; 2]; slots.len()];
+    let most = slots.iter().map(|[slot, _]| *slot).max().unwrap_or(0);
     for shift in (0..u32::BITS - most.leading_zeros()).step_by(DIGIT as usize) {
-        let digit = |place: u32| (place >> shift & ((1 << DIGIT) - 1)) as usize;
+        let digit = |slot: u32| (slot >> shift & ((1 << DIGIT) - 1)) as usize;
         let mut starts = [0u32; 1 << DIGIT];
-        for [place, _] in &places {
-            starts[digit(*place)] += 1;
+        for [slot, _] in &slots {
+            starts[digit(*slot)] += 1;
         }
         starts_of(&mut starts);
-        for this in &places {
+        for this in &slots {
             let start = &mut starts[digit(this[0])];
             sorted[*start as usize] = *this;
             *start += 1;
         }
-        std::mem::swap(&mut places, &mut sorted);
+        std::mem::swap(&mut slots, &mut sorted);
     }
-    order.extend(places.iter().map(|[_, number]| *number));
+    order.extend(slots.iter().map(|[_, number]| *number));
 }

@@ -1,20 +1,20 @@
-//! Scenes that persist: boxes stay from answer to answer, edits go in, changes of pairs come out.
+//! Persistent scenes: boxes stay from answer to answer, edits go in, changes of pairs come out.
 //!
-//! A client gives each box an index of its own, tells by an [`Edit`] what changes, and [wants](Report) to
+//! A client gives each box an index of its own, says by an [`Edit`] what changes, and [asks](Report) to
 //! know which pairs began and ended, which there are around the boxes that moved, or all. A small edit
 //! costs what it changes, not what the scene holds. One file, because an edit, its answer and what is known afterwards
 //! change the same few fields; what they do stands in the modules below.
 //!
 //! # What is reported
 //!
-//! * Pairs are those of boxes that overlap by the rules of [`aabb`](crate::aabb), that are switched on,
+//! * Pairs are those of boxes that overlap by the rules of [`aabb`](crate::aabb), that are enabled,
 //!   and that their [collision filters](crate::filters) let meet: two static boxes are no pair.
 //! * [`Report::Changes`] reports what differs from the pairs of the last answer that was **acknowledged**
 //!   ([`Scene::acknowledge`]): each change exactly once, however many answers were dropped between. What began
 //!   and ended again in between is not reported. [`Report::All`], acknowledged, counts as reported too. [`Report::Moved`]
 //!   reports no end, so acknowledging it changes nothing: the next changes hold its news as well.
 //! * A pair is named by its indices and their incarnations. So a pair of an index whose box was removed
-//!   meanwhile is told as ended, and as begun where the index has a new box that overlaps too. Flags, filter data
+//!   meanwhile is reported as ended, and as begun where the index has a new box that overlaps too. Flags, filter data
 //!   and entries in pair lists are those of the box, and end with it.
 //! * History never shows: an answer depends on the states of the boxes at the last acknowledged answer, those of
 //!   now, and which were removed between. All lists are sorted, so that the bytes do not depend on
@@ -30,7 +30,7 @@
 //! changed, one cull finds all pairs of now (`whole`), and those that the last one found are compared with them. Both give
 //! the same lists.
 //!
-//! The two ways keep different things. The second small edit after a large one builds the cells, which takes
+//! The two ways differ in what they keep. The second small edit after a large one builds the cells, which takes
 //! about as long as a whole frame to three; the first one is answered as the large one was. Cells are also built anew when their layout has become unfit:
 //! after 16 moves a box, 32 needless tests a box, or where they have grown by a quarter. Where one box in a
 //! hundred moves, that is one frame in 1,600.
@@ -45,13 +45,13 @@ mod error;
 mod fetch;
 mod history;
 mod huge_pages;
-mod kept;
 mod margins;
 mod options;
 mod pair_list;
 mod query;
 mod rules;
 pub mod shared;
+mod snapshot;
 pub mod states;
 mod store;
 mod whole;
@@ -59,17 +59,17 @@ mod whole;
 pub use self::answer::{EndReason, Ended, Report, Reported, SceneSkips, is_resync_due};
 pub use self::copy::{SceneCopy, WholeScene};
 pub use self::draft::{Draft, Given};
-pub use self::edit::{Edit, Indices, Sets, Step, Tags};
+pub use self::edit::{Edit, FilterDataSets, Indices, Sets, Step};
 pub use self::error::{EditError, SceneError};
-pub use self::kept::{Kept, KeptBox, KeptHistory};
 pub use self::margins::{ExactPairs, MarginStats, Margined, MarginedSets, Margins, Outgoing, Sent};
 pub use self::options::SceneOptions;
 pub use self::pair_list::{Sorter as PairSorter, sort_row};
 pub use self::query::{
-    BeyondMask, QueryError, QueryMask, QueryTags, between, cull_between, is_small_set,
+    BeyondMask, QueryError, QueryFilterData, QueryMask, between, cull_between, is_small_set,
     more_pairs_than,
 };
 pub use self::rules::{FilterHistory, FilteredBoxes, apply_rules, decide_changes};
+pub use self::snapshot::{BoxSnapshot, HistorySnapshot, SceneSnapshot};
 
 use std::sync::Arc;
 
@@ -113,7 +113,7 @@ enum Known {
     Lost,
 }
 
-/// Boxes that persist, and what was told of their pairs.
+/// Boxes that stay from edit to edit, and what was reported of their pairs.
 ///
 /// ```
 /// use pairmask_core::Aabb;
@@ -126,7 +126,7 @@ enum Known {
 /// assert_eq!(reported.begun(), [[0, 1], [1, 2]]);
 /// scene.acknowledge();
 ///
-/// let off = [Step::Switch((&[2]).into(), false)];
+/// let off = [Step::Enable((&[2]).into(), false)];
 /// let reported = scene.edit(Edit { steps: &off }, Report::Changes)?;
 /// assert!(reported.begun().is_empty());
 /// assert_eq!(reported.ended()[0].pair, [1, 2]);
@@ -202,7 +202,7 @@ impl Scene {
         }
     }
 
-    /// Boxes, those that are switched off too.
+    /// Boxes, those that are disabled too.
     pub const fn len(&self) -> usize {
         self.store.states.present()
     }
@@ -217,7 +217,7 @@ impl Scene {
         self.store.boxes().len() as u32
     }
 
-    /// The box of an index, also one that is switched off.
+    /// The box of an index, also one that is disabled.
     pub fn get(&self, index: u32) -> Option<Aabb> {
         self.store.get(index)
     }
@@ -239,18 +239,18 @@ impl Scene {
     }
 
     /// What the scene holds, for who keeps it from now on; `None` where it has changed since the last taken
-    /// answer, and pairs were told in that or may be taken still.
-    pub fn kept(&self) -> Option<Kept<'_>> {
+    /// answer, and pairs were reported in that or may be taken still.
+    pub fn snapshot(&self) -> Option<SceneSnapshot<'_>> {
         let is_untaken =
             self.is_open && matches!(self.reported.report, Report::Changes | Report::All);
         let history = match self.known {
-            Known::Same => KeptHistory::Reported(self.count_then),
+            Known::Same => HistorySnapshot::Reported(self.count_then),
             _ if is_untaken => return None,
-            Known::Lost => KeptHistory::Lost,
-            Known::Few | Known::Many if self.count_then == 0 => KeptHistory::Unreported,
+            Known::Lost => HistorySnapshot::Lost,
+            Known::Few | Known::Many if self.count_then == 0 => HistorySnapshot::Unreported,
             Known::Few | Known::Many => return None,
         };
-        Some(Kept::new(&self.store, history))
+        Some(SceneSnapshot::new(&self.store, history))
     }
 
     /// The last answer.
@@ -278,8 +278,8 @@ impl Scene {
     ///
     /// ```
     /// use pairmask_core::Aabb;
-    /// use pairmask_core::filters::{Owner, Tag};
-    /// use pairmask_core::scene::{Edit, EndReason, Scene, SceneOptions, Sets, Step, Tags, Report};
+    /// use pairmask_core::filters::{Owner, FilterData};
+    /// use pairmask_core::scene::{Edit, EndReason, Scene, SceneOptions, Sets, Step, FilterDataSets, Report};
     ///
     /// let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 3];
     /// let mut scene = Scene::new(SceneOptions::default());
@@ -288,8 +288,8 @@ impl Scene {
     /// scene.acknowledge();
     ///
     /// // Two of them are parts of one body.
-    /// let tags = [Tag::default().with_owner(Owner(7)); 2];
-    /// let body = [Step::Tag(Tags { indices: (&[0, 2]).into(), tags: &tags })];
+    /// let filter_data = [FilterData::default().with_owner(Owner(7)); 2];
+    /// let body = [Step::FilterData(FilterDataSets { indices: (&[0, 2]).into(), filter_data: &filter_data })];
     /// let reported = scene.edit(Edit { steps: &body }, Report::Changes)?;
     /// assert!(reported.begun().is_empty());
     /// assert_eq!(reported.ended()[0].pair, [0, 2]);
@@ -316,7 +316,7 @@ impl Scene {
         Ok(&self.reported)
     }
 
-    /// Takes the last answer: what it told is what the next changes are counted from. Without effect
+    /// Takes the last answer: what it reported is what the next changes are counted from. Without effect
     /// on an answer that was taken, and on [`Report::Moved`] and [`Report::Nothing`].
     pub fn acknowledge(&mut self) {
         if !std::mem::take(&mut self.is_open)
@@ -331,17 +331,17 @@ impl Scene {
         }
         self.known = Known::Same;
         if let Some(cells) = &mut self.cells {
-            cells.forget(self.store.changed());
+            cells.discard(self.store.changed());
         }
-        self.store.forget();
+        self.store.discard();
     }
 
-    /// Forgets what was told: the next changes are a resync. A client that has lost its pairs asks so.
+    /// Drops what was reported: the next changes are a resync. A client that has lost its pairs asks so.
     pub fn resync(&mut self) {
         self.known = Known::Lost;
         self.is_open = false;
         self.cells = None;
-        self.store.forget();
+        self.store.discard();
         for list in [self.list_now.take(), self.list_then.take()] {
             self.recycle(list);
         }
@@ -408,7 +408,7 @@ impl Scene {
             (self.list_then, self.spare) = (None, Vec::new());
         }
         if let Some(cells) = &mut self.cells {
-            cells.update(store, [store.gone(), store.named()], threads);
+            cells.update(store, [store.ended(), store.named()], threads);
         }
     }
 
@@ -462,7 +462,7 @@ impl Scene {
         self.report(found, true)
     }
 
-    /// Tells what changed, or all pairs where they are fewer.
+    /// Reports what changed, or all pairs where they are fewer.
     fn report(&mut self, mut found: Difference, is_sorted: bool) -> Result<(), CullError> {
         if !is_sorted {
             let threads = self.threads;
@@ -502,8 +502,8 @@ impl Scene {
         let mut list = std::mem::take(&mut self.spare);
         let states = &store.states;
         self.tested += if states.active_still() > 1 || states.filters.is_used() {
-            let wanted = |pair: Pair| states.may_meet(pair);
-            self.whole.pairs(store.boxes(), &wanted, threads, &mut list)?
+            let requested = |pair: Pair| states.may_meet(pair);
+            self.whole.pairs(store.boxes(), &requested, threads, &mut list)?
         } else {
             self.whole.pairs(store.boxes(), &|_| true, threads, &mut list)?
         };
@@ -512,7 +512,7 @@ impl Scene {
         Ok(now)
     }
 
-    /// Tells the pairs of the boxes that the edit named.
+    /// Reports the pairs of the boxes that the edit named.
     fn report_moved(&mut self) -> Result<(), CullError> {
         let is_few = self.store.named().len() * MANY_SHARE <= self.store.states.present();
         let mut pairs = Vec::new();

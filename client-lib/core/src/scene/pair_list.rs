@@ -1,7 +1,7 @@
 //! Lists of pairs in order, and what began and ended.
 //!
 //! Large lists are dealt into buckets of rows, task by task, and each bucket is sorted by counting:
-//! two passes over memory, whatever the number of pairs.
+//! two passes over memory, regardless of the number of pairs.
 
 use crate::engine::RecentNeed;
 use crate::team::{self, for_each_in_parts, in_parts, part_count};
@@ -88,18 +88,18 @@ impl Sorter {
         self.sorted_from(&source, &|_| true, n, threads, pairs);
     }
 
-    /// Those of `source` that are wanted, in order. First indices of those are below `n`.
+    /// Those of `source` that are needed, in order. First indices of those are below `n`.
     pub fn sorted_from(
         &mut self,
         source: &[Pair],
-        wanted: &(impl Fn(Pair) -> bool + Sync),
+        requested: &(impl Fn(Pair) -> bool + Sync),
         n: u32,
         threads: usize,
         sorted: &mut Vec<Pair>,
     ) {
         sorted.clear();
         if source.len() <= FEW_PAIRS {
-            sorted.extend(source.iter().copied().filter(|pair| wanted(*pair)));
+            sorted.extend(source.iter().copied().filter(|pair| requested(*pair)));
             sorted.sort_unstable_by_key(|pair| key(*pair));
             return;
         }
@@ -119,7 +119,7 @@ impl Sorter {
             .zip(outs)
             .map(|(pairs, dealt)| Deal { pairs, dealt, ends: vec![0; buckets] })
             .collect();
-        for_each_in_parts(&mut deals, parts, |deal| deal.run(shift, wanted));
+        for_each_in_parts(&mut deals, parts, |deal| deal.run(shift, requested));
 
         let deals = deals.as_slice();
         let total: usize = deals.iter().map(|deal| deal.ends[buckets - 1] as usize).sum();
@@ -146,12 +146,12 @@ impl Sorter {
 }
 
 impl Deal<'_> {
-    fn run(&mut self, shift: u32, wanted: &impl Fn(Pair) -> bool) {
-        for pair in self.pairs.iter().filter(|pair| wanted(**pair)) {
+    fn run(&mut self, shift: u32, requested: &impl Fn(Pair) -> bool) {
+        for pair in self.pairs.iter().filter(|pair| requested(**pair)) {
             self.ends[(pair[0] >> shift) as usize] += 1;
         }
         starts_of(&mut self.ends);
-        for pair in self.pairs.iter().filter(|pair| wanted(**pair)) {
+        for pair in self.pairs.iter().filter(|pair| requested(**pair)) {
             let next = &mut self.ends[(pair[0] >> shift) as usize];
             self.dealt[*next as usize] = *pair;
             *next += 1;
@@ -361,8 +361,8 @@ mod tests {
             expected.sort_unstable();
             for threads in [1, 2, 3] {
                 let mut sorted = Vec::new();
-                let wanted = |pair: Pair| !pair[1].is_multiple_of(3);
-                Sorter::default().sorted_from(&source, &wanted, n, threads, &mut sorted);
+                let requested = |pair: Pair| !pair[1].is_multiple_of(3);
+                Sorter::default().sorted_from(&source, &requested, n, threads, &mut sorted);
                 assert_eq!(sorted, expected, "{count} pairs of {n} boxes, {threads} threads");
             }
         }

@@ -13,9 +13,11 @@ use std::collections::HashMap;
 use super::edit::{Edit, Flag, Step};
 use super::pair_list::Pair;
 use super::states::{BoxStates, PRESENT, STILL};
-use crate::filters::{FilterId, FilterTable, Listed, PairLists, Rules, Tag, decide, in_order};
+use crate::filters::{
+    FilterData, FilterId, FilterTable, Listed, PairLists, Rules, decide, in_order,
+};
 
-/// The boxes whose filter data an edit changes, as whoever searches for their pairs keeps them.
+/// The boxes whose filter data an edit changes, as the search for their pairs keeps them.
 pub trait FilteredBoxes {
     /// Their states.
     fn states(&self) -> &BoxStates;
@@ -23,9 +25,9 @@ pub trait FilteredBoxes {
     fn states_mut(&mut self) -> &mut BoxStates;
     /// The edit names a box: its pairs are those of [`Report::Moved`](super::Report::Moved).
     fn name(&mut self, _: u32) {}
-    /// Switches a box on or off.
-    fn switch(&mut self, index: u32, on: bool) {
-        self.states_mut().switch(index, on);
+    /// Enables or disables a box.
+    fn enable(&mut self, index: u32, on: bool) {
+        self.states_mut().enable(index, on);
     }
     /// The stillness of a box is about to change.
     fn change(&mut self, _: u32) {}
@@ -54,7 +56,7 @@ pub fn apply_rules(edit: Edit<'_>, boxes: &mut impl FilteredBoxes) {
     edit.for_each_flag(|index, flag| {
         boxes.name(index);
         match flag {
-            Flag::On(on) => boxes.switch(index, on),
+            Flag::On(on) => boxes.enable(index, on),
             Flag::Static(on) => filters.make_static(index, on, boxes),
         }
     });
@@ -75,7 +77,7 @@ pub struct FilterHistory {
 #[derive(Clone, Debug, Default)]
 struct Then {
     is_used: bool,
-    tags: HashMap<u32, Tag>,
+    filter_data: HashMap<u32, FilterData>,
     table: Option<FilterTable>,
     listed: HashMap<Pair, Listed>,
 }
@@ -93,8 +95,12 @@ impl FilterHistory {
     }
 
     /// The filter data of a box, with its own static flag. `is_still` is its stillness.
-    pub fn tag(&self, index: u32, is_still: bool) -> Tag {
-        if self.is_used { self.now.tag(index) } else { Tag::default().with_static(is_still) }
+    pub fn filter_data(&self, index: u32, is_still: bool) -> FilterData {
+        if self.is_used {
+            self.now.filter_data(index)
+        } else {
+            FilterData::default().with_static(is_still)
+        }
     }
 
     /// Whether the boxes of two indices may be a pair that are not both still.
@@ -106,23 +112,24 @@ impl FilterHistory {
     /// Whether they could when the history began.
     #[inline]
     pub fn met(&self, [a, b]: [u32; 2]) -> bool {
-        let Then { is_used, tags, table, listed } = &self.then;
+        let Then { is_used, filter_data, table, listed } = &self.then;
         if !is_used {
             return true;
         }
-        if tags.is_empty() && table.is_none() && listed.is_empty() {
+        if filter_data.is_empty() && table.is_none() && listed.is_empty() {
             return self.now.meet(a, b);
         }
-        let tag = |index| tags.get(&index).copied().unwrap_or_else(|| self.now.tag(index));
+        let filter_data =
+            |index| filter_data.get(&index).copied().unwrap_or_else(|| self.now.filter_data(index));
         let lists = || {
             let then = listed.get(&in_order([a, b])).copied();
             then.unwrap_or_else(|| self.now.lists.listed(a, b))
         };
-        decide(&tag(a), &tag(b), table.as_ref().unwrap_or(&self.now.table), lists)
+        decide(&filter_data(a), &filter_data(b), table.as_ref().unwrap_or(&self.now.table), lists)
     }
 
     /// The history begins anew.
-    pub fn forget(&mut self) {
+    pub fn discard(&mut self) {
         self.then = Then { is_used: self.is_used, ..Then::default() };
     }
 
@@ -130,7 +137,7 @@ impl FilterHistory {
     pub fn allocated_bytes(&self) -> usize {
         let then = &self.then;
         self.now.allocated_bytes()
-            + then.tags.capacity() * (size_of::<(u32, Tag)>() + 1)
+            + then.filter_data.capacity() * (size_of::<(u32, FilterData)>() + 1)
             + then.table.as_ref().map_or(0, FilterTable::allocated_bytes)
             + then.listed.capacity() * (size_of::<(Pair, Listed)>() + 1)
     }
@@ -140,7 +147,7 @@ impl FilterHistory {
         if !self.is_used {
             return;
         }
-        self.set_tag(index, Tag::default());
+        self.set_filter_data(index, FilterData::default());
         let Self { now, then, .. } = self;
         now.lists.remove_index(index, |pair, listed| then.note_listed(pair, listed));
     }
@@ -150,10 +157,10 @@ impl FilterHistory {
         if !self.is_used {
             return set_still(index, on, boxes);
         }
-        let tag = self.now.tag(index);
-        if tag.is_static() != on {
+        let filter_data = self.now.filter_data(index);
+        if filter_data.is_static() != on {
             boxes.refilter(index);
-            self.set_tag(index, tag.with_static(on));
+            self.set_filter_data(index, filter_data.with_static(on));
             self.settle(index, boxes);
         }
     }
@@ -173,13 +180,13 @@ impl FilterHistory {
         if edit.gives_filter_data() {
             self.begin(boxes);
         }
-        edit.for_each_tag(|index, tag| {
+        edit.for_each_filter_data(|index, filter_data| {
             boxes.name(index);
-            let was = self.now.tag(index);
-            let tag = tag.with_static(was.is_static());
-            if tag != was {
+            let was = self.now.filter_data(index);
+            let filter_data = filter_data.with_static(was.is_static());
+            if filter_data != was {
                 boxes.refilter(index);
-                self.set_tag(index, tag);
+                self.set_filter_data(index, filter_data);
                 self.settle(index, boxes);
             }
         });
@@ -206,7 +213,7 @@ impl FilterHistory {
             if !boxes.states().has(index, STILL) {
                 continue;
             }
-            self.set_tag(index, Tag::default().with_static(true));
+            self.set_filter_data(index, FilterData::default().with_static(true));
             // A list may make it move again for searches, while it is static from this history on.
             if boxes.states().has_flipped(index) {
                 boxes.refilter(index);
@@ -219,25 +226,25 @@ impl FilterHistory {
         if !self.is_used {
             return;
         }
-        let tag = self.now.tag(index);
-        let is_static = tag.is_static() || self.now.table.get(tag.filter).is_static;
+        let filter_data = self.now.filter_data(index);
+        let is_static = filter_data.is_static() || self.now.table.get(filter_data.filter).is_static;
         let is_still = is_static && !self.now.lists.is_named(index);
         set_still(index, is_still, boxes);
     }
 
-    fn set_tag(&mut self, index: u32, tag: Tag) {
-        let was = self.now.tag(index);
-        if was == tag {
+    fn set_filter_data(&mut self, index: u32, filter_data: FilterData) {
+        let was = self.now.filter_data(index);
+        if was == filter_data {
             return;
         }
         if self.then.is_used {
-            self.then.tags.entry(index).or_insert(was);
+            self.then.filter_data.entry(index).or_insert(was);
         }
         let len = index as usize + 1;
-        if self.now.tags.len() < len {
-            self.now.tags.resize(len, Tag::default());
+        if self.now.filter_data.len() < len {
+            self.now.filter_data.resize(len, FilterData::default());
         }
-        self.now.tags[index as usize] = tag;
+        self.now.filter_data[index as usize] = filter_data;
     }
 
     fn set_table(&mut self, table: &FilterTable, boxes: &mut impl FilteredBoxes) {
@@ -264,7 +271,7 @@ impl FilterHistory {
             .map(|id| table.get(id) != now.get(id))
             .collect();
         let differs = |index: &u32| {
-            let filter = usize::from(self.now.tag(*index).filter.0);
+            let filter = usize::from(self.now.filter_data(*index).filter.0);
             states.has(*index, PRESENT) && differs.get(filter).copied().unwrap_or(false)
         };
         (0..states.index_end() as u32).filter(differs).collect()

@@ -1,5 +1,5 @@
 //! The state of each index of a scene, beside its box: one byte, whose bits are defined here for all that keep boxes.
-//! It tells which edits are right, which pairs may be, and why they end.
+//! It reports which edits are right, which pairs may be, and why they end.
 
 use std::collections::TryReserveError;
 
@@ -8,12 +8,12 @@ use super::edit::{Edit, Indices, Sets};
 use super::error::EditError;
 use super::fetch::ask_for;
 use super::rules::FilterHistory;
-use crate::filters::Tag;
+use crate::filters::FilterData;
 
 /// The index has a box.
 pub const PRESENT: u8 = 1;
-/// The box is switched off.
-pub const OFF: u8 = 1 << 1;
+/// The box is disabled.
+pub const DISABLED: u8 = 1 << 1;
 /// It is still: static, as far as searches may skip pairs of two such boxes.
 pub const STILL: u8 = 1 << 2;
 /// A box of this index was removed since the history began.
@@ -37,8 +37,8 @@ pub struct BoxStates {
     /// The collision filters.
     pub filters: FilterHistory,
     present: usize,
-    off: usize,
-    /// Still boxes that are switched on.
+    disabled: usize,
+    /// Still boxes that are enabled.
     active_still: usize,
     /// Whether nobody asks what has changed.
     has_no_history: bool,
@@ -52,9 +52,9 @@ pub struct BoxStates {
 ///
 /// # Errors
 /// [`TryReserveError`]; nothing has changed then.
-pub fn grow<T: Copy>(items: &mut Vec<T>, len: usize, with: T) -> Result<(), TryReserveError> {
-    items.try_reserve(len.saturating_sub(items.len()))?;
-    items.resize(len.max(items.len()), with);
+pub fn grow<T: Copy>(entries: &mut Vec<T>, len: usize, with: T) -> Result<(), TryReserveError> {
+    entries.try_reserve(len.saturating_sub(entries.len()))?;
+    entries.resize(len.max(entries.len()), with);
     Ok(())
 }
 
@@ -65,7 +65,7 @@ pub(super) fn has_bit(words: &[u64], index: u32) -> bool {
 }
 
 const fn is_active_still(bits: u8) -> bool {
-    bits & (STILL | OFF) == STILL
+    bits & (STILL | DISABLED) == STILL
 }
 
 impl BoxStates {
@@ -85,9 +85,9 @@ impl BoxStates {
         self.present
     }
 
-    /// Boxes that are switched on.
+    /// Boxes that are enabled.
     pub const fn active(&self) -> usize {
-        self.present - self.off
+        self.present - self.disabled
     }
 
     /// Those of them that are still.
@@ -107,10 +107,10 @@ impl BoxStates {
         self.bits.get(index as usize).is_some_and(|own| own & bits != 0)
     }
 
-    /// Whether an index has a box that is switched on.
+    /// Whether an index has a box that is enabled.
     #[inline]
     pub(super) fn is_active(&self, index: u32) -> bool {
-        self.bits[index as usize] & (PRESENT | OFF) == PRESENT
+        self.bits[index as usize] & (PRESENT | DISABLED) == PRESENT
     }
 
     /// Bits by index.
@@ -129,8 +129,8 @@ impl BoxStates {
     }
 
     /// The filter data of a box, with its own static flag.
-    pub fn tag(&self, index: u32) -> Tag {
-        self.filters.tag(index, self.has(index, STILL))
+    pub fn filter_data(&self, index: u32) -> FilterData {
+        self.filters.filter_data(index, self.has(index, STILL))
     }
 
     /// Whether two boxes may be a pair, wherever they are.
@@ -149,7 +149,7 @@ impl BoxStates {
     pub fn end_reason(&self, pair: [u32; 2]) -> EndReason {
         if self.has_either(pair, LOST) {
             EndReason::Removed
-        } else if self.has_either(pair, OFF) || !self.may_meet(pair) {
+        } else if self.has_either(pair, DISABLED) || !self.may_meet(pair) {
             EndReason::Filtered
         } else {
             EndReason::Separated
@@ -179,7 +179,7 @@ impl BoxStates {
     /// by `room` in what is kept beside the states, and the edit is to follow, or to be unmarked.
     ///
     /// # Errors
-    /// [`EditError`]; the edit is forgotten then.
+    /// [`EditError`]; the edit is dropped then.
     pub fn check(
         &mut self,
         edit: Edit<'_>,
@@ -254,13 +254,13 @@ impl BoxStates {
             }
         };
         edit.for_each_flag(|index, _| check(index));
-        edit.for_each_tag(|index, _| check(index));
+        edit.for_each_filter_data(|index, _| check(index));
         let Some(wrong) = wrong else { return Ok(()) };
         self.unmark(edit);
         Err(wrong)
     }
 
-    /// Forgets an edit that was [checked](Self::check). Every index that may be marked is among its own.
+    /// Drops an edit that was [checked](Self::check). Every index that may be marked is among its own.
     pub(super) fn unmark(&mut self, edit: Edit<'_>) {
         const MARKS: u8 = EDIT_REMOVES | EDIT_SETS;
         let bits = &mut self.bits;
@@ -330,7 +330,7 @@ impl BoxStates {
         let before = *bits;
         *bits &= LOST | EDIT_SETS | NAMED | CHANGED;
         self.present -= 1;
-        self.off -= usize::from(before & OFF != 0);
+        self.disabled -= usize::from(before & DISABLED != 0);
         self.active_still -= usize::from(is_active_still(before));
         if before & LOST == 0 && !self.has_no_history {
             *bits |= LOST;
@@ -343,18 +343,18 @@ impl BoxStates {
         before
     }
 
-    /// Switches the box of an index on or off; whether it was the other.
-    pub fn switch(&mut self, index: u32, on: bool) -> bool {
+    /// Enables or disables the box of an index; whether it was the other.
+    pub fn enable(&mut self, index: u32, on: bool) -> bool {
         let before = self.bits[index as usize];
-        if (before & OFF == 0) == on {
+        if (before & DISABLED == 0) == on {
             return false;
         }
-        self.bits[index as usize] ^= OFF;
+        self.bits[index as usize] ^= DISABLED;
         let moves = usize::from(before & STILL != 0);
         if on {
-            (self.off, self.active_still) = (self.off - 1, self.active_still + moves);
+            (self.disabled, self.active_still) = (self.disabled - 1, self.active_still + moves);
         } else {
-            (self.off, self.active_still) = (self.off + 1, self.active_still - moves);
+            (self.disabled, self.active_still) = (self.disabled + 1, self.active_still - moves);
         }
         true
     }
@@ -377,8 +377,8 @@ impl BoxStates {
 
     /// The history begins anew. Where most indices at the end have no box any more, they are given up: how many are left
     /// then. The rule is the same for all who keep a scene, so that the same edits are wrong.
-    pub fn forget(&mut self) -> Option<usize> {
-        self.filters.forget();
+    pub fn discard(&mut self) -> Option<usize> {
+        self.filters.discard();
         self.lost.drain(..).for_each(|index| self.bits[index as usize] &= !LOST);
         self.flipped.clear();
         let len = self.bits.len();

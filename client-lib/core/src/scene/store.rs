@@ -10,7 +10,7 @@ use super::error::EditError;
 use super::fetch::ask_for;
 use super::huge_pages;
 use super::rules::{FilteredBoxes, apply_rules};
-use super::states::{BoxStates, CHANGED, NAMED, OFF, PRESENT, STILL, grow, has_bit};
+use super::states::{BoxStates, CHANGED, DISABLED, NAMED, PRESENT, STILL, grow, has_bit};
 use crate::aabb::Aabb;
 
 /// Sets in a list up to which their boxes are asked for before the first is made: they stay in a core's
@@ -35,7 +35,7 @@ pub(super) struct BoxState {
 /// Boxes and states of a scene, by index.
 #[derive(Debug, Default)]
 pub(super) struct Store {
-    /// What collides: [`Aabb::EMPTY`] for an index without a box, or whose box is switched off.
+    /// What collides: [`Aabb::EMPTY`] for an index without a box, or whose box is disabled.
     boxes: Vec<Aabb>,
     /// Whether they are there, on, still, and more.
     pub states: BoxStates,
@@ -43,12 +43,12 @@ pub(super) struct Store {
     then: Vec<Aabb>,
     /// Whose filter data have changed since the history began; one bit each, for all indices or for none.
     refiltered: Vec<u64>,
-    /// Boxes that are switched off.
-    parked: HashMap<u32, Aabb>,
-    /// Indices that the last edit set, switched or flagged.
+    /// Boxes that are disabled.
+    disabled: HashMap<u32, Aabb>,
+    /// Indices that the last edit set, enabled or disabled or flagged.
     named: Vec<u32>,
     /// Indices that the last edit removed and did not set anew.
-    gone: Vec<u32>,
+    ended: Vec<u32>,
     /// Whether the last edit changed anything.
     is_changed: bool,
     /// Indices whose box or static flag has changed since the history began, or that lost a box.
@@ -61,10 +61,10 @@ impl Store {
         &self.boxes
     }
 
-    /// The box of an index, also one that is switched off.
+    /// The box of an index, also one that is disabled.
     #[inline]
     pub fn get(&self, index: u32) -> Option<Aabb> {
-        let of = || self.parked.get(&index).copied().unwrap_or(self.boxes[index as usize]);
+        let of = || self.disabled.get(&index).copied().unwrap_or(self.boxes[index as usize]);
         self.states.has(index, PRESENT).then(of)
     }
 
@@ -140,34 +140,34 @@ impl Store {
     }
 
     /// Indices that the last edit removed.
-    pub fn gone(&self) -> &[u32] {
-        &self.gone
+    pub fn ended(&self) -> &[u32] {
+        &self.ended
     }
 
-    /// Indices that the last edit set, switched or flagged.
+    /// Indices that the last edit set, enabled or disabled or flagged.
     pub fn named(&self) -> &[u32] {
         &self.named
     }
 
     pub fn allocated_bytes(&self) -> usize {
-        let lists = self.named.capacity() + self.changed.capacity() + self.gone.capacity();
+        let lists = self.named.capacity() + self.changed.capacity() + self.ended.capacity();
         (self.boxes.capacity() + self.then.capacity()) * size_of::<Aabb>()
             + self.states.allocated_bytes()
             + self.refiltered.capacity() * size_of::<u64>()
             + lists * size_of::<u32>()
-            + self.parked.capacity() * (size_of::<(u32, Aabb)>() + 1)
+            + self.disabled.capacity() * (size_of::<(u32, Aabb)>() + 1)
     }
 
     /// The history begins anew.
-    pub fn forget(&mut self) {
+    pub fn discard(&mut self) {
         for index in self.changed.drain(..) {
             self.states.clear(index, CHANGED);
         }
         self.refiltered.clear();
-        if let Some(len) = self.states.forget() {
+        if let Some(len) = self.states.discard() {
             // Of those that it named, some may have no place any more.
             self.named.retain(|index| (*index as usize) < len);
-            self.forget_edit();
+            self.discard_edit();
             for boxes in [&mut self.boxes, &mut self.then] {
                 boxes.truncate(len);
                 boxes.shrink_to_fit();
@@ -175,11 +175,11 @@ impl Store {
         }
     }
 
-    fn forget_edit(&mut self) {
+    fn discard_edit(&mut self) {
         for index in self.named.drain(..) {
             self.states.clear(index, NAMED);
         }
-        self.gone.clear();
+        self.ended.clear();
         self.is_changed = false;
     }
 
@@ -188,7 +188,7 @@ impl Store {
     /// # Errors
     /// [`EditError`]; nothing is applied then.
     pub fn apply(&mut self, edit: Edit<'_>, limit: u32, threads: usize) -> Result<(), EditError> {
-        self.forget_edit();
+        self.discard_edit();
         let Self { boxes, states, then, .. } = self;
         states.check(edit, limit, |len| {
             boxes.try_reserve(len - boxes.len())?;
@@ -217,9 +217,9 @@ impl Store {
 
     fn remove(&mut self, index: u32) {
         self.change(index);
-        self.gone.push(index);
-        if self.states.remove(index) & OFF != 0 {
-            self.parked.remove(&index);
+        self.ended.push(index);
+        if self.states.remove(index) & DISABLED != 0 {
+            self.disabled.remove(&index);
         }
         self.boxes[index as usize] = Aabb::EMPTY;
     }
@@ -228,16 +228,16 @@ impl Store {
     fn set(&mut self, index: u32, b: &Aabb) {
         self.states.insert(index);
         self.name(index);
-        if self.states.has(index, OFF) {
-            self.parked.insert(index, *b);
+        if self.states.has(index, DISABLED) {
+            self.disabled.insert(index, *b);
         } else {
-            self.place(index, *b);
+            self.put(index, *b);
         }
     }
 
     /// Puts what collides at an index.
     #[inline]
-    fn place(&mut self, index: u32, b: Aabb) {
+    fn put(&mut self, index: u32, b: Aabb) {
         if !are_same(&self.boxes[index as usize], &b) {
             self.change(index);
             self.boxes[index as usize] = b;
@@ -254,15 +254,15 @@ impl FilteredBoxes for Store {
         &mut self.states
     }
 
-    fn switch(&mut self, index: u32, on: bool) {
-        if !self.states.switch(index, on) {
+    fn enable(&mut self, index: u32, on: bool) {
+        if !self.states.enable(index, on) {
             return;
         }
         if !on {
-            self.parked.insert(index, self.boxes[index as usize]);
-            self.place(index, Aabb::EMPTY);
-        } else if let Some(b) = self.parked.remove(&index) {
-            self.place(index, b);
+            self.disabled.insert(index, self.boxes[index as usize]);
+            self.put(index, Aabb::EMPTY);
+        } else if let Some(b) = self.disabled.remove(&index) {
+            self.put(index, b);
         }
     }
 

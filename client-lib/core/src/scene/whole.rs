@@ -41,14 +41,14 @@ impl Whole {
         }
     }
 
-    /// Writes those pairs of `boxes` that are wanted, sorted. Returns how many pairs were compared.
+    /// Writes those pairs of `boxes` that are needed, sorted. Returns how many pairs were compared.
     ///
     /// # Errors
     /// [`CullError`] where there is no memory for the pairs, or there are more than [may be](Self::limit_pairs).
     pub fn pairs(
         &mut self,
         boxes: &[Aabb],
-        wanted: &(impl Fn(Pair) -> bool + Sync),
+        requested: &(impl Fn(Pair) -> bool + Sync),
         threads: usize,
         sorted: &mut Vec<Pair>,
     ) -> Result<u64, CullError> {
@@ -66,7 +66,7 @@ impl Whole {
         let needed_bytes = PAIR_BYTES * list.len() as u64;
         let no_memory = |_| CullError::Reserve(ReserveError::OutOfMemory { needed_bytes });
         sorted.try_reserve(list.len()).map_err(no_memory)?;
-        self.sorter.sorted_from(list, wanted, n.get(), threads, sorted);
+        self.sorter.sorted_from(list, requested, n.get(), threads, sorted);
         Ok(n.pair_count().saturating_sub(answer.report.skipped.pairs))
     }
 

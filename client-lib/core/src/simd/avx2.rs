@@ -1,6 +1,6 @@
 //! Eight keys a register, with AVX2.
 #![allow(unsafe_code)]
-// Thirty intrinsics by name would tell a reader nothing.
+// Thirty intrinsics by name would not help a reader.
 #![allow(clippy::wildcard_imports)]
 
 use std::arch::x86_64::*;

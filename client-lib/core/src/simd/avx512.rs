@@ -1,6 +1,6 @@
 //! Sixteen keys a register, with AVX-512: compares answer in bits.
 #![allow(unsafe_code)]
-// Thirty intrinsics by name would tell a reader nothing.
+// Thirty intrinsics by name would not help a reader.
 #![allow(clippy::wildcard_imports)]
 
 use std::arch::x86_64::*;

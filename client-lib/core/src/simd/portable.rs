@@ -1,4 +1,4 @@
-//! Sixteen keys a register in plain Rust, in a form that compilers turn into whatever SIMD they have: for
+//! Sixteen keys a register in plain Rust, in a form that compilers turn into any SIMD that they have: for
 //! all other machines, and as the yardstick of the rest.
 #![allow(unsafe_code)]
 

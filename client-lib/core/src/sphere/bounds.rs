@@ -4,7 +4,7 @@ use super::Sphere;
 use crate::aabb::{Aabb, BoxClass};
 use crate::precision::widen;
 
-/// A box that holds the sphere. It does whatever the flags of the thread, and it is the same box where
+/// A box that holds the sphere. It does with any flags of the thread, and it is the same box where
 /// they are the default ones, with which callers call it.
 ///
 /// Why no pair is lost: spheres that overlap have |x₁ − x₂| ≤ d ≤ r₁ + r₂ on every axis, so the
@@ -15,7 +15,7 @@ use crate::precision::widen;
 /// real number; then the bits are cut to f32 on the far side.
 pub(super) fn bounds(sphere: &Sphere) -> Aabb {
     match sphere.class() {
-        BoxClass::Solid => {}
+        BoxClass::Valid => {}
         BoxClass::Empty => return Aabb::EMPTY,
         BoxClass::Invalid => return Aabb { min: [f32::NAN; 3], max: [f32::NAN; 3] },
     }

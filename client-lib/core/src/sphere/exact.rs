@@ -57,7 +57,7 @@ impl Ball {
     #[inline]
     pub fn of(sphere: &Sphere) -> Self {
         match sphere.class() {
-            BoxClass::Solid => {
+            BoxClass::Valid => {
                 Self { center: sphere.center.map(widen), radius: widen(sphere.radius) }
             }
             _ => Self::NOTHING,

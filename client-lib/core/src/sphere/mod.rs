@@ -9,8 +9,8 @@
 //! * a radius below 0 (−∞ among them) makes a sphere **empty**: it overlaps nothing;
 //! * a NaN anywhere, or an infinite centre, makes it **invalid**: it overlaps nothing, and is counted
 //!   and named. (The distance of two infinite centres is no number.) Invalid wins over empty;
-//! * an infinite radius is all of space: it overlaps every solid sphere;
-//! * subnormals are the numbers they are, whatever the denormal flags and the rounding mode of the
+//! * an infinite radius is all of space: it overlaps every valid sphere;
+//! * subnormals are the numbers they are, regardless of the denormal flags and the rounding mode of the
 //!   thread.
 //!
 //! The parts: `exact.rs` decides a pair ([`Sphere::overlaps`]); [`SphereAllPairs`] tests every
@@ -50,7 +50,7 @@ use crate::floats;
 pub struct Sphere {
     /// Centre.
     pub center: [f32; 3],
-    /// Radius; below 0 for a slot that is switched off.
+    /// Radius; below 0 for a slot that is disabled.
     pub radius: f32,
 }
 
@@ -59,12 +59,12 @@ pub const SPHERE_BYTES: usize = 16;
 const _: () = assert!(size_of::<Sphere>() == SPHERE_BYTES && align_of::<Sphere>() == 4);
 
 impl Sphere {
-    /// A switched-off slot: overlaps nothing, not even itself.
+    /// A disabled slot: overlaps nothing, not even itself.
     pub const EMPTY: Self = Self { center: [0.0; 3], radius: -1.0 };
 
     /// The sphere of a centre and a radius, as they are.
     ///
-    /// The centre is an array, or whatever becomes one: a vector of glam in any version, of nalgebra,
+    /// The centre is an array, or anything that becomes one: a vector of glam in any version, of nalgebra,
     /// of mint. In a `const`, write the two fields.
     #[inline]
     pub fn new(center: impl Into<[f32; 3]>, radius: f32) -> Self {
@@ -84,15 +84,15 @@ impl Sphere {
         // Per axis at most half a unit in the last place, which f64 holds exactly.
         let off: f64 =
             center.iter().zip(rounded).map(|(x, near)| (x - f64::from(near)).abs()).sum();
-        let grown = if off > 0.0 && radius >= 0.0 { (radius + off).next_up() } else { radius };
-        let near = grown as f32;
+        let enlarged = if off > 0.0 && radius >= 0.0 { (radius + off).next_up() } else { radius };
+        let near = enlarged as f32;
         Self {
             center: rounded,
-            radius: if f64::from(near) < grown { near.next_up() } else { near },
+            radius: if f64::from(near) < enlarged { near.next_up() } else { near },
         }
     }
 
-    /// Solid, empty or invalid, by the rules at the head of this module.
+    /// Valid, empty or invalid, by the rules at the head of this module.
     #[inline]
     pub fn class(&self) -> BoxClass {
         let magnitude = |x: f32| x.to_bits() & 0x7fff_ffff;
@@ -104,7 +104,7 @@ impl Sphere {
         match (invalid, empty) {
             (true, _) => BoxClass::Invalid,
             (false, true) => BoxClass::Empty,
-            (false, false) => BoxClass::Solid,
+            (false, false) => BoxClass::Valid,
         }
     }
 

@@ -7,7 +7,7 @@ use crate::mask::{Encoding, EncodingChoice};
 use crate::oracle::naive_decoder::decode;
 use crate::random::Random;
 
-/// Spheres where things go wrong: tangent ones by construction, all magnitudes, and all classes.
+/// Spheres that are hard to decide: tangent ones by construction, all magnitudes, and all classes.
 fn hard_spheres(n: usize, seed: u64) -> Vec<Sphere> {
     let mut random = Random(seed << 40 | 1);
     let mut next = |bound: u64| random.below(bound);
@@ -34,13 +34,13 @@ fn the_rules_of_the_module_hold() {
     let all = Sphere::new([1e30, 0.0, 0.0], f32::INFINITY);
     let point = Sphere::new([1.0, -0.0, 0.0], -0.0);
     for (other, class, overlaps) in [
-        (unit, BoxClass::Solid, true),
-        (all, BoxClass::Solid, true),
-        (point, BoxClass::Solid, true),
-        (Sphere::new([1.0, 1e-45, 0.0], 0.0), BoxClass::Solid, false),
-        (Sphere::new([2.0, 0.0, 0.0], 1.0), BoxClass::Solid, true),
-        (Sphere::new([2.0, 1e-45, 0.0], 1.0), BoxClass::Solid, false),
-        (Sphere::new([f32::MAX, 0.0, 0.0], f32::MAX), BoxClass::Solid, true),
+        (unit, BoxClass::Valid, true),
+        (all, BoxClass::Valid, true),
+        (point, BoxClass::Valid, true),
+        (Sphere::new([1.0, 1e-45, 0.0], 0.0), BoxClass::Valid, false),
+        (Sphere::new([2.0, 0.0, 0.0], 1.0), BoxClass::Valid, true),
+        (Sphere::new([2.0, 1e-45, 0.0], 1.0), BoxClass::Valid, false),
+        (Sphere::new([f32::MAX, 0.0, 0.0], f32::MAX), BoxClass::Valid, true),
         (Sphere::new([0.0; 3], -1e-45), BoxClass::Empty, false),
         (Sphere::new([0.0; 3], f32::NEG_INFINITY), BoxClass::Empty, false),
         (Sphere::EMPTY, BoxClass::Empty, false),
@@ -51,7 +51,7 @@ fn the_rules_of_the_module_hold() {
         assert_eq!(other.class(), class, "{other:?}");
         assert_eq!(unit.overlaps(&other), overlaps, "{other:?}");
         assert_eq!(other.overlaps(&unit), overlaps, "{other:?}");
-        assert_eq!(all.overlaps(&other), class == BoxClass::Solid, "{other:?}");
+        assert_eq!(all.overlaps(&other), class == BoxClass::Valid, "{other:?}");
     }
 }
 

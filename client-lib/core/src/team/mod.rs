@@ -131,7 +131,7 @@ pub(crate) fn share(work: &(dyn Fn() + Sync)) {
     work();
     drop(open);
     if team.has_panicked.swap(false, Ordering::Relaxed) {
-        // Where a part panics, so does the frame, whoever had it.
+        // Where a part panics, so does the frame, in any thread.
         resume_unwind(Box::new("a thread of the frame's team panicked"));
     }
 }
@@ -338,7 +338,7 @@ mod tests {
             let frame = |bad: u64| {
                 let _team = enter(3);
                 let mut numbers: Vec<u64> = (0..300).collect();
-                let part = |part: &mut [u64]| assert!(!part.contains(&bad), "as a test wants");
+                let part = |part: &mut [u64]| assert!(!part.contains(&bad), "as a test needs");
                 in_parts(numbers.as_mut_slice(), 50, &part, &|(), ()| ());
             };
             for bad in [0, 7, 150, 299] {

@@ -1,7 +1,7 @@
 //! Work in parts, which the threads of a frame's [team](crate::team) take in turns, each part with storage of its own.
 //!
 //! Parts lie on the stack, so that a steady frame allocates nothing. Each runs with the default floating-point flags,
-//! whatever those of the thread that it falls to.
+//! regardless of those of the thread that it falls to.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -14,12 +14,12 @@ const PARTS_PER_THREAD: usize = 4;
 /// The most parts of a phase: they have places on the stack.
 const MOST_PARTS: usize = 128;
 
-/// Parts for work on `items` items of which a part should have `least` or more.
-pub(crate) fn part_count(items: usize, least: usize, threads: usize) -> usize {
+/// Parts for work on `entries` items of which a part should have `least` or more.
+pub(crate) fn part_count(entries: usize, least: usize, threads: usize) -> usize {
     if threads <= 1 {
         return 1;
     }
-    (items / least.max(1)).clamp(1, (threads * PARTS_PER_THREAD).min(MOST_PARTS))
+    (entries / least.max(1)).clamp(1, (threads * PARTS_PER_THREAD).min(MOST_PARTS))
 }
 
 /// Work on a sequence of items that can be cut between any two of them.
@@ -58,28 +58,28 @@ pub(crate) fn in_parts<W: Split, R: Send>(
     if parts <= 1 {
         return floats::with_default(|| run(work));
     }
-    let mut places = [const { Mutex::new(Part::None) }; MOST_PARTS];
+    let mut slots = [const { Mutex::new(Part::None) }; MOST_PARTS];
     let (mut rest, mut before) = (work, 0);
-    for (part, place) in (1..parts).zip(&mut places) {
+    for (part, slot) in (1..parts).zip(&mut slots) {
         let end = len * part / parts;
         let (first, others) = rest.split_at(end - before);
-        *place = Mutex::new(Part::Work(first));
+        *slot = Mutex::new(Part::Work(first));
         (rest, before) = (others, end);
     }
-    places[parts - 1] = Mutex::new(Part::Work(rest));
+    slots[parts - 1] = Mutex::new(Part::Work(rest));
     let next = AtomicUsize::new(0);
-    let places = &places[..parts];
+    let slots = &slots[..parts];
     team::share(&|| {
-        while let Some(place) = places.get(next.fetch_add(1, Ordering::Relaxed)) {
-            let mut place = place.lock().unwrap_or_else(PoisonError::into_inner);
-            if let Part::Work(work) = std::mem::replace(&mut *place, Part::None) {
-                *place = Part::Done(floats::with_default(|| run(work)));
+        while let Some(slot) = slots.get(next.fetch_add(1, Ordering::Relaxed)) {
+            let mut slot = slot.lock().unwrap_or_else(PoisonError::into_inner);
+            if let Part::Work(work) = std::mem::replace(&mut *slot, Part::None) {
+                *slot = Part::Done(floats::with_default(|| run(work)));
             }
         }
     });
-    let done = places.iter().map(|place| {
-        let mut place = place.lock().unwrap_or_else(PoisonError::into_inner);
-        match std::mem::replace(&mut *place, Part::None) {
+    let done = slots.iter().map(|slot| {
+        let mut slot = slot.lock().unwrap_or_else(PoisonError::into_inner);
+        match std::mem::replace(&mut *slot, Part::None) {
             Part::Done(result) => result,
             // `share` returns when all parts are done, and panics where one panicked.
             Part::None | Part::Work(_) => unreachable!("a part was not done"),
@@ -90,11 +90,11 @@ pub(crate) fn in_parts<W: Split, R: Send>(
 
 /// Calls `run` with each item of a slice, in so many parts.
 pub(crate) fn for_each_in_parts<T: Send>(
-    items: &mut [T],
+    entries: &mut [T],
     parts: usize,
     run: impl Fn(&mut T) + Sync,
 ) {
-    in_parts(items, parts, &|items: &mut [T]| items.iter_mut().for_each(&run), &|(), ()| ());
+    in_parts(entries, parts, &|entries: &mut [T]| entries.iter_mut().for_each(&run), &|(), ()| ());
 }
 
 /// Calls `run` with stretches of two slices of one length, of which a part should have `least` items or more.
@@ -125,14 +125,14 @@ mod tests {
     fn every_item_is_seen_once_and_results_keep_their_order() {
         for n in [0, 1, 2, 7, 100] {
             for parts in [1, 2, 3, 8, 200] {
-                let mut items: Vec<usize> = (0..n).collect();
+                let mut entries: Vec<usize> = (0..n).collect();
                 let seen = in_parts(
-                    items.as_mut_slice(),
+                    entries.as_mut_slice(),
                     parts,
                     &|part: &mut [usize]| part.to_vec(),
                     &appended,
                 );
-                assert_eq!(seen, items);
+                assert_eq!(seen, entries);
             }
         }
     }

@@ -133,7 +133,7 @@ fn far_from_the_origin_and_at_large_scales_no_corner_is_lost() {
                 Vec3::new(far, -far, far / 3.0),
             );
             let world = world_box(&local, &affine.to_cols_array_2d());
-            assert_eq!(world.class(), BoxClass::Solid);
+            assert_eq!(world.class(), BoxClass::Valid);
             for corner in corners(&local) {
                 for axis in 0..3 {
                     let columns =

@@ -1,7 +1,7 @@
 //! Boxes into the memory of a frame: from packed boxes, from arrays of corners, from arrays of centres
 //! and half extents, and (by [`update`](crate::update)) from local boxes and transforms.
 //!
-//! A frame is written once and then read by another process or device. Two things make writing slow
+//! A frame is written once and then read by another process or device. Two effects make writing slow
 //! where a frame is larger than the caches:
 //!
 //! * A store to a line that is not in a cache first reads the line from memory. Non-temporal stores of
@@ -9,7 +9,7 @@
 //! * One thread cannot keep the memory busy. Large frames are written in parts, on the calling
 //!   thread's rayon pool.
 //!
-//! The choice is by the number of boxes and threads. The boxes are the same whatever it chooses,
+//! The choice is by the number of boxes and threads. The boxes are the same regardless of what it chooses,
 //! bit for bit; only the payload of a NaN is unspecified.
 //!
 //! ```

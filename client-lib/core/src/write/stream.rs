@@ -18,7 +18,7 @@ const LINE_FLOATS: usize = 16;
 ///
 /// Non-temporal stores are not ordered with other accesses of the thread. The stream therefore
 /// borrows the memory until it is dropped, and the drop orders the stores before all that follows:
-/// what other threads and processes are told after it, they are told after the boxes. A panic drops
+/// what other threads and processes learn after it, they learn after the boxes. A panic drops
 /// it too.
 pub struct Stream<'a> {
     rest: &'a mut [Aabb],

@@ -110,7 +110,7 @@ fn every_source_and_way_writes_the_boxes_of_a_plain_loop() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
     #[test]
-    fn whatever_the_numbers(pairs in prop::collection::vec((point(), point()), 0..100)) {
+    fn any_numbers(pairs in prop::collection::vec((point(), point()), 0..100)) {
         let (first, second): (Vec<_>, Vec<_>) = pairs.into_iter().unzip();
         check_all(&first, &second);
     }
@@ -136,14 +136,14 @@ fn extents_that_are_no_sizes_give_the_classes_that_are_documented() {
     };
     let infinity = f32::INFINITY;
     for (center, half, expected) in [
-        (1.0, 0.0, BoxClass::Solid),
+        (1.0, 0.0, BoxClass::Valid),
         (1.0, -0.5, BoxClass::Empty),
-        (1e9, -1.0, BoxClass::Solid),
+        (1e9, -1.0, BoxClass::Valid),
         (f32::NAN, 1.0, BoxClass::Invalid),
         (1.0, f32::NAN, BoxClass::Invalid),
-        (infinity, 1.0, BoxClass::Solid),
+        (infinity, 1.0, BoxClass::Valid),
         (infinity, infinity, BoxClass::Invalid),
-        (1.0, infinity, BoxClass::Solid),
+        (1.0, infinity, BoxClass::Valid),
         (1.0, -infinity, BoxClass::Empty),
     ] {
         assert_eq!(class(center, half), expected, "{center} ± {half}");
@@ -174,7 +174,7 @@ fn a_source_that_panics_leaves_memory_that_can_be_read() {
             1000
         }
         fn write_range(&self, first: usize, out: &mut [Aabb]) {
-            assert!(first < 500, "as the test wants");
+            assert!(first < 500, "as the test needs");
             out.fill(Aabb::EMPTY);
         }
     }

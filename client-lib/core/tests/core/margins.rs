@@ -1,4 +1,4 @@
-//! Exact pairs from near ones: right whatever the margins, and sound whatever another process says is near.
+//! Exact pairs from near ones: right regardless of the margins, and sound regardless of what another process says is near.
 
 use std::collections::BTreeSet;
 
@@ -42,7 +42,7 @@ impl Kept {
         self.now.apply(edit);
     }
 
-    /// Sends what is to be sent, and takes what the scene tells.
+    /// Sends what is to be sent, and takes what the scene reports.
     fn send(&mut self) {
         let (indices, boxes) = (self.outgoing.indices(), self.outgoing.boxes());
         let steps = [Step::Set(Sets { indices, boxes })];
@@ -122,7 +122,7 @@ proptest! {
     }
 
     #[test]
-    fn whatever_another_process_says_is_near_only_pairs_that_overlap_are_reported(
+    fn only_pairs_that_overlap_are_reported_whichever_another_process_lists(
         boxes in prop::collection::vec(a_box(), 0..30),
         lists in prop::collection::vec(
             (prop::collection::vec(prop::array::uniform2(0u32..40), 0..60),

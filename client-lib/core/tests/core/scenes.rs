@@ -92,7 +92,7 @@ fn a_scene_grows_to_a_hundred_thousand_boxes_and_back() {
     grow_and_shrink(3, &[1, 10, 700, 20_000, 100_000, 99_000, 3_000, 64, 1]);
 }
 
-/// What is told adds up to the pairs of a fresh scene, and of the oracle where that is not too slow.
+/// What is reported adds up to the pairs of a fresh scene, and of the oracle where that is not too slow.
 fn grow_and_shrink(seeds: u64, sizes: &[usize]) {
     in_pool(|| {
         for seed in 0..seeds {
@@ -183,7 +183,7 @@ fn a_wrong_edit_is_refused_and_changes_nothing() {
         (&[Step::Remove((&[3]).into())], EditError::Absent { index: 3 }),
         (&[Step::Remove((&[1, 1]).into())], EditError::Absent { index: 1 }),
         (
-            &[Step::Remove((&[1]).into()), Step::Switch((&[1]).into(), false)],
+            &[Step::Remove((&[1]).into()), Step::Enable((&[1]).into(), false)],
             EditError::Absent { index: 1 },
         ),
         (

@@ -124,16 +124,16 @@ def pairs(given: Any) -> Any:
     return integers(array.reshape(-1), "uint32")
 
 
-TAGS = [("worlds", "int32"), ("owners", "uint32"), ("filters", "uint16"), ("static flags", "uint8")]
+FILTER_DATA = [("worlds", "int32"), ("owners", "uint32"), ("filters", "uint16"), ("static flags", "uint8")]
 
 
-def tags(n: int | None, parts: Sequence[Any]) -> Any:
+def filter_data(n: int | None, parts: Sequence[Any]) -> Any:
     """Worlds, owners, filters and static flags of `n` boxes: a number for all, or one for each. Without `n`, of as many
     as there are in the first array, or of one."""
-    arrays = [integers(0 if part is None else part, numpy_type) for part, (_, numpy_type) in zip(parts, TAGS)]
+    arrays = [integers(0 if part is None else part, numpy_type) for part, (_, numpy_type) in zip(parts, FILTER_DATA)]
     if n is None:
         n = next((array.size for array in arrays if array.ndim), 1)
-    for array, (name, _) in zip(arrays, TAGS):
+    for array, (name, _) in zip(arrays, FILTER_DATA):
         if array.ndim and array.size != n:
             raise ValueError(f"{array.size} {name} for {n} boxes: give one for each")
     return tuple(np.broadcast_to(array, n) for array in arrays)

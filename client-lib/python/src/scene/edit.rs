@@ -10,7 +10,7 @@ use super::edited::{Edited, Ticket};
 use super::ops::{Named, NamedMargins, Op};
 use crate::arrays::{Pairs, Rows};
 use crate::guarded::Guarded;
-use crate::rules::{Part, PyFilterTable, tags};
+use crate::rules::{Part, PyFilterTable, filter_data};
 use crate::session::one_of;
 
 /// An edit that is being written. Each call adds to it; `commit` or `submit` does all of it at once.
@@ -69,8 +69,8 @@ impl PyEdit {
     }
 
     /// Disables boxes (they overlap nothing) with `on` false, else enables them.
-    fn switch(slf: Bound<'_, Self>, indices: Named, on: bool) -> Added<'_> {
-        add(slf, Op::Switch(indices, on))
+    fn set_enabled(slf: Bound<'_, Self>, indices: Named, on: bool) -> Added<'_> {
+        add(slf, Op::Enable(indices, on))
     }
 
     /// Makes boxes static (two static boxes are no pair) or not.
@@ -79,10 +79,10 @@ impl PyEdit {
         add(slf, Op::Static(indices, is_static))
     }
 
-    /// Gives boxes their tags, a number for all or one for each (n). What is not named becomes what a box without
-    /// a tag has.
+    /// Gives boxes their filter data, a number for all or one for each (n). What is not named becomes what a box without
+    /// filter data has.
     #[pyo3(signature = (indices, *, world=None, owner=None, filter=None, is_static=None))]
-    fn tag<'py>(
+    fn set_filter<'py>(
         slf: Bound<'py, Self>,
         indices: Named,
         world: Part<'_, 'py>,
@@ -90,11 +90,12 @@ impl PyEdit {
         filter: Part<'_, 'py>,
         is_static: Part<'_, 'py>,
     ) -> Added<'py> {
-        let tags = tags(slf.py(), Some(indices.len()), [world, owner, filter, is_static])?;
-        add(slf, Op::Tag(indices, tags))
+        let filter_data =
+            filter_data(slf.py(), Some(indices.len()), [world, owner, filter, is_static])?;
+        add(slf, Op::FilterData(indices, filter_data))
     }
 
-    /// The filters that tags name, in place of all before.
+    /// The filters that filter data names, in place of all before.
     fn filters<'py>(slf: Bound<'py, Self>, table: &PyFilterTable) -> Added<'py> {
         add(slf, Op::Filters(Arc::clone(&table.0)))
     }

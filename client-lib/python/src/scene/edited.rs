@@ -76,7 +76,7 @@ impl Edited {
 
     /// Waits for what an edit reports.
     pub fn wait(&mut self, ticket: Ticket) -> PyResult<Read> {
-        let closed = || misused("the answer of this edit was received or discarded", "Gone");
+        let closed = || misused("the answer of this edit was received or discarded", "Closed");
         let mut cell = self.under_way.take_if(|_| self.last == ticket).ok_or_else(closed)?;
         let reported = cell.with_dependent_mut(|_, pending| {
             let answer = pending.take().ok_or_else(closed)?.wait().map_err(raised)?;

@@ -1,4 +1,4 @@
-//! Scenes that persist.
+//! Persistent scenes.
 //!
 //! ```text
 //! edited    a scene with its edit under way, which borrows it
@@ -14,7 +14,7 @@ mod ops;
 use std::sync::Arc;
 
 use pairmask::Scene;
-use pairmask_core::scene::QueryTags;
+use pairmask_core::scene::QueryFilterData;
 use pyo3::prelude::*;
 use pyo3::types::{PyRange, PyRangeMethods};
 
@@ -25,14 +25,14 @@ use crate::arrays::Rows;
 use crate::errors::{invalid, raised};
 use crate::guarded::Guarded;
 use crate::memory::Array;
-use crate::rules::{Part, tags};
+use crate::rules::{Part, filter_data};
 
 /// A box as an array (6), which Python may write.
 fn box_array(found: pairmask::Aabb) -> Array {
     Array::writable(bytemuck::cast::<_, [f32; 6]>(found).map(|x| [x]).to_vec())
 }
 
-/// Boxes that persist from answer to answer, by indices of the client's own.
+/// Boxes that stay from answer to answer, by indices of the client's own.
 #[pyclass(frozen, name = "Scene", module = "pairmask")]
 pub struct PyScene(pub Arc<Guarded<Edited>>);
 
@@ -84,8 +84,8 @@ impl PyScene {
         }
     }
 
-    /// Which boxes of the scene some other boxes (n, 6) overlap: rows (query, index), sorted. They have tags as
-    /// `SceneEdit.tag` gives them.
+    /// Which boxes of the scene some other boxes (n, 6) overlap: rows (query, index), sorted. They have filter data as
+    /// `SceneEdit.set_filter` gives them.
     #[pyo3(signature = (boxes, *, world=None, owner=None, filter=None, is_static=None))]
     fn query(
         &self,
@@ -98,11 +98,13 @@ impl PyScene {
     ) -> PyResult<Array> {
         let boxes = boxes.boxes(py)?;
         let parts = [world, owner, filter, is_static];
-        let is_tagged = parts.iter().any(Option::is_some);
-        let tags = is_tagged.then(|| tags(py, Some(boxes.len()), parts)).transpose()?;
+        let has_filter_data = parts.iter().any(Option::is_some);
+        let filter_data =
+            has_filter_data.then(|| filter_data(py, Some(boxes.len()), parts)).transpose()?;
         let found = self.with_detached(py, |scene| {
-            let tags = tags.as_deref().map_or(QueryTags::None, QueryTags::Each);
-            scene.query_tagged(&boxes, tags).map(|answer| answer.to_vec())
+            let filter_data =
+                filter_data.as_deref().map_or(QueryFilterData::None, QueryFilterData::Each);
+            scene.query_filtered(&boxes, filter_data).map(|answer| answer.to_vec())
         })?;
         Ok(Array::read_only(found))
     }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use pairmask::filters::{FilterTable, Tag};
+use pairmask::filters::{FilterData, FilterTable};
 use pairmask::{Aabb, Margin, SceneEdit};
 use pairmask_core::scene::Indices;
 use pyo3::prelude::*;
@@ -66,9 +66,9 @@ impl<'py> FromPyObject<'_, 'py> for NamedMargins {
 pub enum Op {
     Set(Named, Vec<Aabb>, Option<NamedMargins>),
     Remove(Named),
-    Switch(Named, bool),
+    Enable(Named, bool),
     Static(Named, bool),
-    Tag(Named, Vec<Tag>),
+    FilterData(Named, Vec<FilterData>),
     Filters(Arc<FilterTable>),
     Include(Vec<[u32; 2]>, bool),
     Exclude(Vec<[u32; 2]>, bool),
@@ -86,10 +86,12 @@ impl Op {
                 edit.set_all_margined(named.indices(), boxes, margins)
             }
             Self::Remove(named) => edit.remove_all(named.indices()),
-            Self::Switch(named, on) => edit.switch_all(named.indices(), *on),
+            Self::Enable(named, on) => edit.set_all_enabled(named.indices(), *on),
             Self::Static(named, on) => edit.make_all_static(named.indices(), *on),
-            Self::Tag(named, tags) => edit.tag_all(named.indices(), tags),
-            Self::Filters(table) => edit.filters(table),
+            Self::FilterData(named, filter_data) => {
+                edit.set_all_filters(named.indices(), filter_data)
+            }
+            Self::Filters(table) => edit.filter_table(table),
             Self::Include(pairs, on) => edit.include(pairs, *on),
             Self::Exclude(pairs, on) => edit.exclude(pairs, *on),
         }

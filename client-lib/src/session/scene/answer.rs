@@ -7,7 +7,7 @@ use pairmask_core::engine::{EngineId, EngineName};
 use pairmask_core::mask::PairList;
 use pairmask_core::scene::{Ended, Report, SceneSkips};
 
-use super::kept::Scene;
+use super::backend::Scene;
 use super::lists::Source;
 use super::remote::Found;
 use crate::session::error::Error;
@@ -48,13 +48,13 @@ impl<'s> Request<SceneAnswer<'s>> for Submitted<'s> {
         let (mut by, mut found) = (Answerer::default(), None);
         if let Some(asked) = asked {
             let ended = scene.end(awaited)?;
-            by = Answerer::of(&scene.kept.source(&ended));
+            by = Answerer::of(&scene.backend.source(&ended));
             found = Some((asked, ended));
         }
-        let Scene { kept, margins, .. } = &mut *scene;
+        let Scene { backend, margins, .. } = &mut *scene;
         if let Some(margins) = margins {
             if let Some((Report::Changes, ended)) = &found {
-                let source = kept.source(ended);
+                let source = backend.source(ended);
                 let ended = source.ended().map(|ended| ended.pair);
                 margins.learn(source.is_resync(), source.pairs(), source.begun(), ended);
             }
@@ -62,7 +62,7 @@ impl<'s> Request<SceneAnswer<'s>> for Submitted<'s> {
                 && let Some((asked, _)) = found.take()
             {
                 // What this process knows of near pairs is the history of what it sent.
-                kept.acknowledge(asked);
+                backend.acknowledge(asked);
             }
         }
         let found = found.map(|(_, found)| found);
@@ -73,7 +73,7 @@ impl<'s> Request<SceneAnswer<'s>> for Submitted<'s> {
 
     fn answer_here(self) -> Result<SceneAnswer<'s>, Error> {
         // What has no answer within the deadline ends so.
-        self.take()?.map_err(|_| Error::Taken)
+        self.take()?.map_err(|_| Error::AlreadyReceived)
     }
 }
 
@@ -111,13 +111,13 @@ impl Answerer {
 ///
 /// It was acknowledged by being waited for: the next changes are counted from it.
 ///
-/// An answer of a daemon holds one of the three places for frames until it is dropped; one of exact pairs of a
+/// An answer of a daemon holds one of the three slots for frames until it is dropped; one of exact pairs of a
 /// scene with margins holds none.
 #[must_use = "what an answer reports is not reported again"]
 pub struct SceneAnswer<'s> {
     scene: &'s mut Scene,
     report: Report,
-    /// `None` where the answer is what the scene's margins tell.
+    /// `None` where the answer is what the scene's margins report.
     found: Option<Found>,
     by: Answerer,
 }
@@ -137,12 +137,12 @@ impl SceneAnswer<'_> {
     /// What the answer reports is known from now on, and not reported again.
     fn acknowledge(&mut self) {
         let count = self.pair_count();
-        let Scene { kept, margins, .. } = &mut *self.scene;
+        let Scene { backend, margins, .. } = &mut *self.scene;
         if let Some(margins) = margins {
             margins.acknowledge(self.report, count);
         }
         if self.found.is_some() {
-            kept.acknowledge(self.report);
+            backend.acknowledge(self.report);
         }
     }
 
@@ -152,7 +152,7 @@ impl SceneAnswer<'_> {
     }
 
     /// Whether changes were asked for and [`pairs`](Self::pairs) holds all pairs instead: because those
-    /// are fewer than the changes, or because it is not known any more what was reported. The client forgets
+    /// are fewer than the changes, or because it is not known any more what was reported. The client drops
     /// the pairs that it knows.
     pub fn is_resync(&self) -> bool {
         self.source().is_resync()
@@ -174,7 +174,7 @@ impl SceneAnswer<'_> {
     }
 
     /// Pairs of the whole scene, if the answer knows: [`Report::Moved`] and [`Report::Nothing`] do not. Of a shared scene,
-    /// whatever the scope of this member's reports.
+    /// regardless of the scope of this member's reports.
     pub fn pair_count(&self) -> Option<u64> {
         self.source().pair_count()
     }
@@ -212,7 +212,7 @@ impl SceneAnswer<'_> {
     fn source(&self) -> Source<'_> {
         match (&self.found, &self.scene.margins) {
             (None, Some(margins)) => Source::Here(margins.reported()),
-            (found, _) => self.scene.kept.source(found.as_ref().unwrap_or(&Found::Here)),
+            (found, _) => self.scene.backend.source(found.as_ref().unwrap_or(&Found::Here)),
         }
     }
 }

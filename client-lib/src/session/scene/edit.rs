@@ -1,14 +1,14 @@
 //! An edit of a scene that is being written.
 
 use pairmask_core::aabb::Aabb;
-use pairmask_core::filters::{FilterTable, Tag};
+use pairmask_core::filters::{FilterData, FilterTable};
 use pairmask_core::precision::Margin;
 use pairmask_core::scene::{
-    EditError, Given, Indices, MarginedSets, Margins, Report, Sets, Step, Tags,
+    EditError, FilterDataSets, Given, Indices, MarginedSets, Margins, Report, Sets, Step,
 };
 
 use super::answer::{SceneAnswer, Submitted};
-use super::kept::Scene;
+use super::backend::Scene;
 use crate::session::error::Error;
 use crate::session::pending::Pending;
 
@@ -110,7 +110,7 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
     pub fn set_with(mut self, indices: impl Into<Indices<'a>>, f: impl FnMut(u32) -> Aabb) -> Self {
         let (indices, limit) = (indices.into(), self.scene.index_limit);
         match self.scene.draft.fill(indices, limit, f) {
-            Ok(place) => self.given.fills.push((indices, place)),
+            Ok(slot) => self.given.fills.push((indices, slot)),
             Err(error) => self.refused = self.refused.or(Some(error)),
         }
         self
@@ -127,14 +127,14 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
         self.step(Step::Remove(indices.into()))
     }
 
-    /// Switches a box off (it overlaps nothing) or on.
-    pub fn switch(self, index: u32, on: bool) -> Self {
-        self.step(Step::Switch(one(index), on))
+    /// Disables a box (it overlaps nothing) or enables it.
+    pub fn set_enabled(self, index: u32, is_enabled: bool) -> Self {
+        self.step(Step::Enable(one(index), is_enabled))
     }
 
-    /// Switches boxes off or on.
-    pub fn switch_all(self, indices: impl Into<Indices<'a>>, on: bool) -> Self {
-        self.step(Step::Switch(indices.into(), on))
+    /// Disables boxes or enables them.
+    pub fn set_all_enabled(self, indices: impl Into<Indices<'a>>, is_enabled: bool) -> Self {
+        self.step(Step::Enable(indices.into(), is_enabled))
     }
 
     /// Makes a box static (two static boxes are no pair) or not.
@@ -147,22 +147,26 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
         self.step(Step::Static(indices.into(), is_static))
     }
 
-    /// Gives a box its [tag](pairmask_core::filters): its world, its owner and its filter. A box that is
-    /// inserted has [`Tag::default`]. Whether a box itself is static, [`make_static`](Self::make_static) says, and
-    /// not its tag.
-    pub fn tag(self, index: u32, tag: Tag) -> Self {
-        self.scene.draft.tagged.push(index);
-        self.scene.draft.tags.push(tag);
+    /// Gives a box its [filter data](pairmask_core::filters): its world, its owner and its filter. A box that is
+    /// inserted has [`FilterData::default`]. Whether a box itself is static, [`make_static`](Self::make_static) says, and
+    /// not its filter data.
+    pub fn set_filter(self, index: u32, filter_data: FilterData) -> Self {
+        self.scene.draft.filtered.push(index);
+        self.scene.draft.filter_data.push(filter_data);
         self
     }
 
-    /// Gives boxes their tags, as [`tag`](Self::tag) does.
-    pub fn tag_all(self, indices: impl Into<Indices<'a>>, tags: &'a [Tag]) -> Self {
-        self.step(Step::Tag(Tags { indices: indices.into(), tags }))
+    /// Gives boxes their filter data, as [`set_filter`](Self::set_filter) does.
+    pub fn set_all_filters(
+        self,
+        indices: impl Into<Indices<'a>>,
+        filter_data: &'a [FilterData],
+    ) -> Self {
+        self.step(Step::FilterData(FilterDataSets { indices: indices.into(), filter_data }))
     }
 
-    /// The filters that tags name, in place of all before.
-    pub fn filters(self, table: &'a FilterTable) -> Self {
+    /// The filters that filter data names, in place of all before.
+    pub fn filter_table(self, table: &'a FilterTable) -> Self {
         self.step(Step::Filters(table))
     }
 

@@ -8,7 +8,7 @@ use pairmask_core::scene::{Ended, Reported, SceneSkips};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{SceneReply, TickMarks, words_in};
 
-use crate::session::exchange::Answer;
+use crate::session::link::Answer;
 use crate::session::pairs::ServedBy;
 
 /// An answer in the daemon's memory.

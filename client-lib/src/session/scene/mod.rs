@@ -1,19 +1,19 @@
-//! Scenes that persist: boxes stay from answer to answer, edits go in, changes of pairs come out.
+//! Persistent scenes: boxes stay from answer to answer, edits go in, changes of pairs come out.
 //!
 //! ```text
 //! options   what a session asks of a scene
 //! lists     what is reported, in the memory of the daemon's answer or of the scene
 //! sharing   the membership of a scene that several processes write
 //! remote    a scene that a daemon keeps, with the copy that this process keeps
-//! kept      the scene, wherever its boxes are kept, with margins or without
+//! backend   the scene, kept by a daemon or in this process, with margins or without
 //! answer    the answer to an edit
 //! edit      what an edit does, until it is sent
 //! query     which boxes some other boxes overlap
 //! ```
 
 mod answer;
+mod backend;
 mod edit;
-mod kept;
 mod lists;
 mod options;
 mod query;
@@ -21,7 +21,7 @@ mod remote;
 mod sharing;
 
 pub use self::answer::SceneAnswer;
+pub use self::backend::Scene;
 pub use self::edit::SceneEdit;
-pub use self::kept::Scene;
 pub use self::options::SceneOptions;
 pub use self::query::QueryAnswer;

@@ -96,13 +96,6 @@ impl SceneOptions {
     }
 }
 
-/// A scene of the session alone, as one without a session.
-impl From<CoreOptions> for SceneOptions {
-    fn from(options: CoreOptions) -> Self {
-        Self { most_boxes: Some(options.most_boxes), threads: options.threads, ..Self::default() }
-    }
-}
-
 impl SceneOptions {
     /// Of a scene without a session, with the session's threads where these options name none.
     pub(super) fn without_session(&self, threads: Option<usize>) -> CoreOptions {

@@ -6,18 +6,17 @@ use std::time::Duration;
 use pairmask_core::aabb::Aabb;
 use pairmask_core::engine::EngineId;
 use pairmask_core::mask::{Encoding, MaskView};
+use pairmask_core::pacing::{Answered, Estimate};
 use pairmask_core::precision::Precision;
-use pairmask_core::rhythm::{Answered, Estimate};
-use pairmask_core::scene::{QueryMask, QueryTags};
+use pairmask_core::scene::{QueryFilterData, QueryMask};
 use pairmask_wire::{
     QueryRequest, Reply, ReplyError, ReplyFields, RequestHeader, SceneId, words_in,
 };
 
-use super::kept::{Kept, Scene};
+use super::backend::{Scene, SceneBackend};
 use crate::session::core::Core;
 use crate::session::error::Error;
-use crate::session::exchange::Exchange;
-use crate::session::link::Link;
+use crate::session::link::{Exchange, Link};
 use crate::session::local::Asked;
 use crate::session::pairs::{FrameInfo, PairMask, ServedBy, Storage};
 use crate::session::written::Written;
@@ -27,13 +26,13 @@ const SLICE: usize = 256;
 
 impl Scene {
     /// Asks which boxes of the scene some other boxes overlap: boxes, [points](Aabb::point), or what moving
-    /// boxes touch ([`Aabb::swept`]). Boxes that are switched off are not found.
+    /// boxes touch ([`Aabb::swept`]). Boxes that are disabled are not found.
     ///
     /// It asks the scene as the last edit made it, with the boxes as they were set, and changes nothing that edits
-    /// tell. Where the daemon has lost the scene, it is sent again. Of boxes with margins, the inflated ones are looked
+    /// report. Where the daemon has lost the scene, it is sent again. Of boxes with margins, the inflated ones are looked
     /// at first: their pairs have to fit the limits of an answer.
     ///
-    /// A shared scene is asked for the boxes of all members, whatever the scope of this one's reports, as the last tick
+    /// A shared scene is asked for the boxes of all members, regardless of the scope of this one's reports, as the last tick
     /// made it: an edit that waits for the end of its tick is not part of it. Its queries need a daemon.
     ///
     /// ```
@@ -56,20 +55,20 @@ impl Scene {
     /// # Errors
     /// [`Error`].
     pub fn query(&mut self, boxes: &[Aabb]) -> Result<QueryAnswer, Error> {
-        self.query_tagged(boxes, QueryTags::None)
+        self.query_filtered(boxes, QueryFilterData::None)
     }
 
-    /// Finds only what may meet boxes with a tag, or with one for each, by the scene's [filters](crate::filters) except
+    /// Finds only what may meet boxes with filter data, or with one for each, by the scene's [filters](crate::filters) except
     /// for the include and the exclude list.
     ///
     /// # Errors
     /// [`Error`].
-    pub fn query_tagged<'t>(
+    pub fn query_filtered<'t>(
         &mut self,
         boxes: &[Aabb],
-        tags: impl Into<QueryTags<'t>>,
+        filter_data: impl Into<QueryFilterData<'t>>,
     ) -> Result<QueryAnswer, Error> {
-        self.query_as(boxes, tags.into(), Encoding::List)
+        self.query_as(boxes, filter_data.into(), Encoding::List)
     }
 
     /// The same with an answer whose [mask](QueryAnswer::mask) is no list.
@@ -79,24 +78,24 @@ impl Scene {
     pub fn query_as(
         &mut self,
         boxes: &[Aabb],
-        tags: QueryTags<'_>,
+        filter_data: QueryFilterData<'_>,
         encoding: Encoding,
     ) -> Result<QueryAnswer, Error> {
-        tags.check(boxes)?;
-        let index_end = match &self.kept {
-            Kept::Remote(remote) => remote.index_end(),
-            Kept::Here(here) => here.index_end(),
+        filter_data.check(boxes)?;
+        let index_end = match &self.backend {
+            SceneBackend::Remote(remote) => remote.index_end(),
+            SceneBackend::Here(here) => here.index_end(),
         };
         let too_many = Error::TooManyQueries { queries: boxes.len(), index_end };
         let asked = Asked {
             boxes,
-            tags,
+            filter_data,
             encoding,
             mask: QueryMask::new(boxes.len(), index_end).ok_or(too_many)?,
         };
-        let mask = match &mut self.kept {
-            Kept::Remote(remote) => remote.query(&asked)?,
-            Kept::Here(here) => self.core.local().query(here, &asked)?,
+        let mask = match &mut self.backend {
+            SceneBackend::Remote(remote) => remote.query(&asked)?,
+            SceneBackend::Here(here) => self.core.local().query(here, &asked)?,
         };
         let FrameInfo { served_by, engine, .. } = *mask.info();
         let mut answer = QueryAnswer { mask, queries: asked.mask.queries(), served_by, engine };
@@ -123,11 +122,11 @@ impl Asked<'_> {
         threads: Option<usize>,
         estimate: &mut Estimate,
     ) -> Result<PairMask, Error> {
-        let Self { boxes, tags, encoding, mask } = *self;
-        let mut request = QueryRequest::new(scene, revision, mask, encoding, &tags);
+        let Self { boxes, filter_data, encoding, mask } = *self;
+        let mut request = QueryRequest::new(scene, revision, mask, encoding, &filter_data);
         request.threads = threads;
         let mut shared = core.loan(link, request.payload_bytes())?;
-        if !request.write(boxes, &tags, shared.loan.pages_mut()) {
+        if !request.write(boxes, &filter_data, shared.loan.pages_mut()) {
             let limit = u64::from(u32::MAX);
             return Err(Error::TooManyBoxes { n: boxes.len(), limit });
         }
@@ -139,7 +138,7 @@ impl Asked<'_> {
         let header = RequestHeader::query_scene(asked.client_token, asked.frame, &request);
         let exchange = Exchange::begin(shared, &header)?;
         let settings = core.settings();
-        let answer = exchange.end(estimate.expect(mask.queries()), settings)?;
+        let answer = core.end(exchange, estimate.expect(mask.queries()))?;
         let payload_bytes = size_of_val(answer.memory.pages()) as u64;
         let reply = Reply::parse(&answer.header, &asked, payload_bytes).map_err(Error::from)?;
         MaskView::new(mask.n(), &reply.report.shape, words_in(answer.memory.pages()))
@@ -158,8 +157,8 @@ impl Asked<'_> {
 
 /// The boxes of a scene that some other boxes overlap: pairs [query, index], by query and then by index.
 ///
-/// Whatever another process writes into it, every query and index is one that there may be. An answer of a
-/// daemon holds one of the session's three places for frames until it is dropped.
+/// Regardless of what another process writes into it, every query and index is one that there may be. An answer of a
+/// daemon holds one of the session's three slots for frames until it is dropped.
 #[derive(Debug)]
 pub struct QueryAnswer {
     mask: PairMask,
@@ -196,7 +195,7 @@ impl QueryAnswer {
         self.mask.pairs().filter(move |[a, _]| *a < queries).filter_map(pair)
     }
 
-    /// The pairs in slices: the fastest way to visit all.
+    /// The pairs in slices: the fastest way to iterate over all.
     pub fn for_each_slice(&self, mut f: impl FnMut(&[[u32; 2]])) {
         let mut some = [[0; 2]; SLICE];
         self.mask.for_each_slice(|pairs| {

@@ -2,7 +2,7 @@
 //!
 //! The copy here is always right: an edit is checked against it, sent, and applied to it while the daemon
 //! works. A daemon that has no scene, or an older one, gets the copy whole. Where no daemon answers, and
-//! the backend allows it, a scene of this process is made from the copy. Whoever begins from the copy
+//! the backend allows it, a scene of this process is made from the copy. Who begins from the copy
 //! does not know which pairs were reported, so that the next changes are all pairs.
 //!
 //! Of a scene that several processes write, the copy has this member's boxes. A daemon that has lost the membership is
@@ -15,11 +15,13 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::CpuEngines;
-use pairmask_core::filters::Tag;
+use pairmask_core::filters::FilterData;
+use pairmask_core::pacing::{Answered, Estimate, Expected};
 use pairmask_core::plan::Calibration;
-use pairmask_core::rhythm::{Answered, Estimate, Expected};
 use pairmask_core::scene::shared::remove_range;
-use pairmask_core::scene::{Edit, Report, Reported, Scene, SceneCopy, SceneOptions, Step, Tags};
+use pairmask_core::scene::{
+    Edit, FilterDataSets, Report, Reported, Scene, SceneCopy, SceneOptions, Step,
+};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
     EditLayout, LeaseAction, ReplyError, ReplyFields, RequestHeader, SceneId, SceneRequest,
@@ -30,8 +32,7 @@ use super::lists::FromDaemon;
 use super::sharing::{Asked as AskedOf, Before, Sharing, refusal};
 use crate::session::core::Core;
 use crate::session::error::{Error, Loss};
-use crate::session::exchange::Exchange;
-use crate::session::link::Link;
+use crate::session::link::{Exchange, Link};
 use crate::session::local::Asked;
 use crate::session::pairs::PairMask;
 use crate::session::settings::{Backend, Settings};
@@ -60,7 +61,7 @@ impl There {
 }
 
 /// Who answers now.
-enum Keeper {
+enum Holder {
     /// Nobody has the scene.
     Nobody,
     Daemon(There),
@@ -76,19 +77,19 @@ pub(super) struct RemoteScene {
     sharing: Option<Box<Sharing>>,
     id: SceneId,
     copy: SceneCopy,
-    keeper: Keeper,
-    /// The connection whose daemon was sent the scene, or asked for a membership: it may keep it, whoever answers now.
+    holder: Holder,
+    /// The connection whose daemon was sent the scene, or asked for a membership: it may keep it, although another answers now.
     sent_to: Option<Arc<Link>>,
     /// Whether who begins from the copy reports all pairs as a resync: the client acknowledged an answer, or asked for a
     /// resync.
     resyncs_anew: bool,
     /// Whether the next request asks its daemon for a resync.
-    forgets: bool,
+    discards: bool,
     revisions: u64,
     estimate: Estimate,
     query_estimate: Estimate,
     daemon_bytes: u64,
-    /// Boxes that the edit under way names, where pairs of named boxes are wanted.
+    /// Boxes that the edit under way names, where pairs of named boxes are needed.
     named: Vec<u32>,
     /// Until when a daemon that refused the scene is asked nothing.
     stays_until: Option<Instant>,
@@ -113,10 +114,10 @@ impl RemoteScene {
             sharing: sharing.map(Box::new),
             id: core.next_scene(),
             copy: SceneCopy::new(options.most_boxes),
-            keeper: Keeper::Nobody,
+            holder: Holder::Nobody,
             sent_to: None,
             resyncs_anew: false,
-            forgets: false,
+            discards: false,
             revisions: 0,
             estimate: Estimate::default(),
             query_estimate: Estimate::default(),
@@ -162,9 +163,9 @@ impl RemoteScene {
 
     /// Bytes that this process keeps, and those that the daemon keeps.
     pub fn allocated_bytes(&self) -> (usize, u64) {
-        let (here, there) = match &self.keeper {
-            Keeper::Here(scene) => (scene.allocated_bytes(), 0),
-            Keeper::Daemon(_) if self.sharing.is_none() => (0, self.daemon_bytes),
+        let (here, there) = match &self.holder {
+            Holder::Here(scene) => (scene.allocated_bytes(), 0),
+            Holder::Daemon(_) if self.sharing.is_none() => (0, self.daemon_bytes),
             _ => (0, 0),
         };
         (self.copy.allocated_bytes() + here, there)
@@ -172,8 +173,8 @@ impl RemoteScene {
 
     /// What the scene of this process has reported.
     pub fn reported_here(&self) -> &Reported {
-        match &self.keeper {
-            Keeper::Here(scene) => scene.reported(),
+        match &self.holder {
+            Holder::Here(scene) => scene.reported(),
             _ => &self.nothing,
         }
     }
@@ -183,7 +184,7 @@ impl RemoteScene {
         &self.settings
     }
 
-    /// The last answer to an edit that wanted this is acknowledged. A member's is whatever it reported: moved pairs are
+    /// The last answer to an edit that asked for this is acknowledged. A member's is so for all reports: moved pairs are
     /// counted from it.
     pub fn acknowledge(&mut self, report: Report) {
         let is_shared = self.sharing.is_some();
@@ -191,19 +192,19 @@ impl RemoteScene {
             return;
         }
         self.resyncs_anew |= !is_shared;
-        match &mut self.keeper {
-            Keeper::Daemon(there) => there.is_acknowledged = true,
-            Keeper::Here(scene) => scene.acknowledge(),
-            Keeper::Nobody => {}
+        match &mut self.holder {
+            Holder::Daemon(there) => there.is_acknowledged = true,
+            Holder::Here(scene) => scene.acknowledge(),
+            Holder::Nobody => {}
         }
     }
 
     pub fn resync(&mut self) {
         // A daemon that is asked may die before it reports pairs.
         self.resyncs_anew |= self.sharing.is_none();
-        match &mut self.keeper {
-            Keeper::Here(scene) => scene.resync(),
-            _ => self.forgets = true,
+        match &mut self.holder {
+            Holder::Here(scene) => scene.resync(),
+            _ => self.discards = true,
         }
     }
 
@@ -284,7 +285,7 @@ impl RemoteScene {
         };
         match &begun {
             Err(error) if !error.is_applied() => self.copy.cancel(edit),
-            // Perhaps without an answer, as the error says: the copy has it, and the scene's next keeper.
+            // Perhaps without an answer, as the error says: the copy has it, and the scene's next holder.
             Ok(_) | Err(_) => self.copy.apply(edit),
         }
         begun
@@ -299,16 +300,16 @@ impl RemoteScene {
         if let Some(sharing) = self.sharing.as_mut().filter(|_| edit.has_table()) {
             let mut copy = self.copy.clone();
             copy.cancel(edit);
-            let (gave_filters, forgets) = (sharing.gave_filters, self.forgets);
-            sharing.before = Some(Box::new(Before { copy, gave_filters, forgets }));
+            let (gave_filters, discards) = (sharing.gave_filters, self.discards);
+            sharing.before = Some(Box::new(Before { copy, gave_filters, discards }));
         }
-        if matches!(&self.keeper, Keeper::Daemon(there) if there.revision == 0) {
+        if matches!(&self.holder, Holder::Daemon(there) if there.revision == 0) {
             self.apply_commit(edit);
             return self.send_whole(report).map(Some).map_err(Error::unanswered);
         }
         let sent = self.send_to(edit, report);
         if matches!(&sent, Err(error) if !error.is_applied()) {
-            // The daemon has heard nothing, and has all that came before.
+            // The daemon has received nothing, and has all that came before.
             self.copy.cancel(edit);
         } else {
             self.apply_commit(edit);
@@ -332,7 +333,7 @@ impl RemoteScene {
             Ok(found) => return Ok(found),
             Err(error) => error,
         };
-        // A daemon that has restarted, or has forgotten the scene.
+        // A daemon that has restarted, or has dropped the scene.
         let is_stale = is_stale(&error);
         if self.sharing.is_some() {
             if !is_stale {
@@ -347,8 +348,12 @@ impl RemoteScene {
         named.sort_unstable();
         named.dedup();
         named.retain(|index| self.copy.get(*index).is_some());
-        let tags: Vec<Tag> = named.iter().map(|index| states.tag(*index)).collect();
-        let step = Step::Tag(Tags { indices: (&named).into(), tags: &tags });
+        let filter_data: Vec<FilterData> =
+            named.iter().map(|index| states.filter_data(*index)).collect();
+        let step = Step::FilterData(FilterDataSets {
+            indices: (&named).into(),
+            filter_data: &filter_data,
+        });
         let again = Edit { steps: if named.is_empty() { &[] } else { &[step] } };
         if is_stale {
             match self.send(again, report).and_then(|sent| self.receive(sent)) {
@@ -405,7 +410,7 @@ impl RemoteScene {
     /// Asks the daemon, which gets the scene first where it does not have it.
     fn ask(&mut self, asked: &Asked<'_>) -> Result<PairMask, Error> {
         let link = self.present()?;
-        let Keeper::Daemon(there) = &self.keeper else {
+        let Holder::Daemon(there) = &self.holder else {
             return Err(Error::DaemonDied);
         };
         let revision = self.sharing.is_none().then_some(there.revision);
@@ -447,17 +452,17 @@ impl RemoteScene {
         if let (Some(sharing), Error::Reply(ReplyError::Status { status, .. })) =
             (&mut self.sharing, &error)
         {
-            match (status, sharing.before.take(), &mut self.keeper) {
-                (StatusCode::NotLeased, Some(before), keeper) => {
+            match (status, sharing.before.take(), &mut self.holder) {
+                (StatusCode::NotLeased, Some(before), holder) => {
                     (self.copy, sharing.gave_filters) = (before.copy, before.gave_filters);
-                    self.forgets |= before.forgets;
+                    self.discards |= before.discards;
                     sharing.was_undone = true;
-                    if let Keeper::Daemon(there) = keeper {
+                    if let Holder::Daemon(there) = holder {
                         (there.revision, there.is_acknowledged) = there.before;
                     }
                 }
-                (StatusCode::StaleScene | StatusCode::NotLeased, _, keeper) => {
-                    *keeper = Keeper::Nobody;
+                (StatusCode::StaleScene | StatusCode::NotLeased, _, holder) => {
+                    *holder = Holder::Nobody;
                 }
                 _ => {}
             }
@@ -471,13 +476,13 @@ impl RemoteScene {
 
     /// Gives up what a failure after sending says is lost.
     fn note_failure(&mut self, error: &Error) {
-        let link = match &self.keeper {
+        let link = match &self.holder {
             _ if !error.is_applied() => return,
-            Keeper::Here(_) => return,
-            Keeper::Daemon(there) => Some(Arc::clone(&there.link)),
-            Keeper::Nobody => self.sent_to.clone(),
+            Holder::Here(_) => return,
+            Holder::Daemon(there) => Some(Arc::clone(&there.link)),
+            Holder::Nobody => self.sent_to.clone(),
         };
-        self.keeper = Keeper::Nobody;
+        self.holder = Holder::Nobody;
         let Some(link) = link else { return };
         match (error, Loss::of(error)) {
             (_, Some(how)) => {
@@ -486,7 +491,7 @@ impl RemoteScene {
                 let _ = self.core.lose(&link, how);
             }
             (Error::Reply(refused), None) if !is_stale(error) && self.sharing.is_none() => {
-                link.say_refused(refused);
+                self.core.say_refused(&link, refused);
                 self.stays_until = Some(Instant::now() + REFUSED_FOR);
             }
             _ => {}
@@ -502,8 +507,8 @@ impl RemoteScene {
     /// The connection to a daemon that has the scene: it is sent whole, or joined, where it is not there.
     fn present(&mut self) -> Result<Arc<Link>, Error> {
         let link = self.core.link()?;
-        match &self.keeper {
-            Keeper::Daemon(there) if Arc::ptr_eq(&there.link, &link) => {}
+        match &self.holder {
+            Holder::Daemon(there) if Arc::ptr_eq(&there.link, &link) => {}
             _ if self.sharing.is_some() => self.join_again(&link)?,
             _ => self.load(&link)?,
         }
@@ -512,7 +517,7 @@ impl RemoteScene {
 
     /// Joins, and leases what this member had. Its boxes are sent with the next commit.
     fn join_again(&mut self, link: &Arc<Link>) -> Result<(), Error> {
-        (self.keeper, self.sent_to) = (Keeper::Nobody, Some(Arc::clone(link)));
+        (self.holder, self.sent_to) = (Holder::Nobody, Some(Arc::clone(link)));
         let Self { core, settings, id, sharing, .. } = &mut *self;
         let Some(sharing) = sharing else { return Err(Error::NotShared) };
         let joined = sharing.join(&AskedOf { core, link, settings, scene: *id });
@@ -524,7 +529,7 @@ impl RemoteScene {
             let (first, count) = (range.start, range.end - range.start);
             self.ask_lease(link, LeaseAction::Take { first, count })?;
         }
-        self.keeper = Keeper::Daemon(There::new(link));
+        self.holder = Holder::Daemon(There::new(link));
         Ok(())
     }
 
@@ -532,8 +537,8 @@ impl RemoteScene {
     fn load(&mut self, link: &Arc<Link>) -> Result<(), Error> {
         // Another connection's scenes ended with it.
         self.sent_to = self.sent_to.take().filter(|sent_to| Arc::ptr_eq(sent_to, link));
-        let before = std::mem::replace(&mut self.keeper, Keeper::Daemon(There::new(link)));
-        self.forgets |= self.resyncs_anew;
+        let before = std::mem::replace(&mut self.holder, Holder::Daemon(There::new(link)));
+        self.discards |= self.resyncs_anew;
         // Filters and lists are there without boxes as well.
         if self.copy.is_empty() && !self.copy.states().filters.is_used() {
             return Ok(());
@@ -541,8 +546,8 @@ impl RemoteScene {
         let loaded = self.send_whole(Report::Nothing).and_then(|sent| self.receive(sent));
         if loaded.is_err() {
             // A scene of this process goes on where it was.
-            let is_here = matches!(before, Keeper::Here(_));
-            self.keeper = if is_here { before } else { Keeper::Nobody };
+            let is_here = matches!(before, Holder::Here(_));
+            self.holder = if is_here { before } else { Holder::Nobody };
         }
         loaded.map(drop)
     }
@@ -565,7 +570,7 @@ impl RemoteScene {
 
     /// Sends an edit to a daemon that has the scene.
     fn send_to(&mut self, edit: Edit<'_>, report: Report) -> Result<SentEdit, Error> {
-        let Keeper::Daemon(there) = &mut self.keeper else {
+        let Holder::Daemon(there) = &mut self.holder else {
             return Err(Error::DaemonDied);
         };
         self.revisions += 1;
@@ -575,7 +580,7 @@ impl RemoteScene {
             base: there.revision,
             revision: self.revisions,
             is_acknowledged: there.is_acknowledged,
-            is_lost: self.forgets,
+            is_lost: self.discards,
             report,
             most_boxes: self.options.most_boxes,
             engine: self.settings.engine,
@@ -590,7 +595,7 @@ impl RemoteScene {
             Ok(mut sent) => {
                 there.before = (there.revision, there.is_acknowledged);
                 // Whether it is received or not: a daemon at another revision says so.
-                (there.revision, there.is_acknowledged, self.forgets) =
+                (there.revision, there.is_acknowledged, self.discards) =
                     (self.revisions, false, false);
                 self.sent_to = Some(Arc::clone(&there.link));
                 if !is_shared {
@@ -601,7 +606,7 @@ impl RemoteScene {
             }
             Err(error) => {
                 if error.is_applied() {
-                    self.forgets |= self.resyncs_anew;
+                    self.discards |= self.resyncs_anew;
                 }
                 self.note_failure(&error);
                 Err(error)
@@ -641,16 +646,16 @@ impl RemoteScene {
     fn here(&mut self) -> Result<&mut Scene, Error> {
         // What belongs to a connection is freed with it.
         self.sent_to = self.sent_to.take().filter(|link| link.is_alive());
-        if !matches!(self.keeper, Keeper::Here(_)) {
+        if !matches!(self.holder, Holder::Here(_)) {
             let mut scene = self.copied()?;
-            self.forgets = false;
+            self.discards = false;
             if self.resyncs_anew {
                 scene.resync();
             }
-            self.keeper = Keeper::Here(scene);
+            self.holder = Holder::Here(scene);
         }
-        match &mut self.keeper {
-            Keeper::Here(scene) => Ok(scene),
+        match &mut self.holder {
+            Holder::Here(scene) => Ok(scene),
             _ => Err(Error::DaemonDied),
         }
     }

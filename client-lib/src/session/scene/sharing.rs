@@ -17,8 +17,7 @@ use pairmask_wire::{
 use super::options::SceneOptions;
 use crate::session::core::Core;
 use crate::session::error::Error;
-use crate::session::exchange::{Answer, Exchange};
-use crate::session::link::Link;
+use crate::session::link::{Answer, Exchange, Link};
 use crate::session::settings::Settings;
 
 /// What a member has before a commit that the daemon may refuse: only the daemon knows whose lease begins lowest, and only
@@ -26,7 +25,7 @@ use crate::session::settings::Settings;
 pub(super) struct Before {
     pub copy: SceneCopy,
     pub gave_filters: bool,
-    pub forgets: bool,
+    pub discards: bool,
 }
 
 /// What makes a scene one that several processes write.
@@ -142,7 +141,8 @@ impl Asked<'_> {
         let (client_token, frame) = (self.link.token(), self.core.next_frame());
         let exchange = Exchange::begin(shared, &header(client_token, frame))?;
         let asked = ReplyFields { client_token, frame, box_count: BoxCount::default() };
-        Ok((exchange.end(self.link.expect(0), self.settings)?, asked))
+        let Settings { spin, deadline, .. } = *self.settings;
+        Ok((exchange.end(self.link.expect(0), spin, deadline)?, asked))
     }
 }
 

@@ -3,8 +3,8 @@
 use pairmask_core::filters::Rules;
 use pairmask_core::units::BoxCount;
 
-use super::items::{FILTER_WORDS, words_of};
-use super::place::{PARTS, RulesPlace, TAG_BYTES, most_pairs};
+use super::entries::{FILTER_WORDS, words_of};
+use super::sections::{FILTER_DATA_BYTES, PARTS, RulesSections, most_pairs};
 use crate::page::Page;
 use crate::section::Section;
 
@@ -25,7 +25,7 @@ pub struct TooManyPairs {
 /// Where the rules of a frame are written behind its boxes.
 #[derive(Clone, Debug)]
 pub struct RulesLayout {
-    place: RulesPlace,
+    slot: RulesSections,
     included: Vec<[u32; 2]>,
     excluded: Vec<[u32; 2]>,
     end: u64,
@@ -45,21 +45,21 @@ impl RulesLayout {
         if pairs > limit {
             return Err(TooManyPairs { pairs, limit });
         }
-        let tags = rules.tags.len().min(n.len());
-        let counts = [tags, rules.table.filters().len(), included.len(), excluded.len()];
-        let (mut place, mut end) = (RulesPlace::default(), behind);
-        let parts = PARTS.into_iter().zip(counts).zip(&mut place.0);
-        for (((kind, item_bytes, _), count), to) in parts.filter(|((_, count), _)| *count > 0) {
+        let filter_data = rules.filter_data.len().min(n.len());
+        let counts = [filter_data, rules.table.filters().len(), included.len(), excluded.len()];
+        let (mut slot, mut end) = (RulesSections::default(), behind);
+        let parts = PARTS.into_iter().zip(counts).zip(&mut slot.0);
+        for (((kind, entry_bytes, _), count), to) in parts.filter(|((_, count), _)| *count > 0) {
             let offset = end.next_multiple_of(LINE_BYTES);
-            *to = Section::required(kind, offset, item_bytes * count as u64);
+            *to = Section::required(kind, offset, entry_bytes * count as u64);
             end = offset + to.bytes;
         }
-        Ok(Self { place, included, excluded, end })
+        Ok(Self { slot, included, excluded, end })
     }
 
     /// Where they lie.
-    pub const fn place(&self) -> RulesPlace {
-        self.place
+    pub const fn sections(&self) -> RulesSections {
+        self.slot
     }
 
     /// Bytes of the payload with the rules.
@@ -67,29 +67,30 @@ impl RulesLayout {
         self.end
     }
 
-    /// Bytes beside the boxes and their tags, with room for as much again: what a frame with a few more
-    /// filters or pairs will want.
-    pub fn bytes_beside_tags(&self) -> u64 {
-        2 * self.place.0[1..].iter().map(|part| part.bytes).sum::<u64>() + 4 * LINE_BYTES
+    /// Bytes beside the boxes and their filter data, with room for as much again: what a frame with a few more
+    /// filters or pairs will need.
+    pub fn bytes_beside_filter_data(&self) -> u64 {
+        2 * self.slot.0[1..].iter().map(|part| part.bytes).sum::<u64>() + 4 * LINE_BYTES
     }
 
-    /// Bytes of so many tags.
-    pub const fn tag_bytes(n: BoxCount) -> u64 {
-        TAG_BYTES * n.get() as u64
+    /// Bytes of the filter data of so many boxes.
+    pub const fn filter_data_bytes(n: BoxCount) -> u64 {
+        FILTER_DATA_BYTES * n.get() as u64
     }
 
     /// Writes the rules that this is the layout of. Returns `false`, with part of them written, where the
     /// pages are too few.
     #[must_use]
     pub fn write(&self, rules: &Rules, pages: &mut [Page]) -> bool {
-        let tags = rules.tags.get(..(self.place.0[0].bytes / TAG_BYTES) as usize);
+        let filter_data =
+            rules.filter_data.get(..(self.slot.0[0].bytes / FILTER_DATA_BYTES) as usize);
         let words: Vec<[u32; FILTER_WORDS]> = rules.table.filters().iter().map(words_of).collect();
         let parts: [&[u8]; 4] = [
-            bytemuck::cast_slice(tags.unwrap_or_default()),
+            bytemuck::cast_slice(filter_data.unwrap_or_default()),
             bytemuck::cast_slice(&words),
             bytemuck::cast_slice(&self.included),
             bytemuck::cast_slice(&self.excluded),
         ];
-        self.place.0.iter().zip(parts).all(|(section, from)| section.put(from, pages, true))
+        self.slot.0.iter().zip(parts).all(|(section, from)| section.put(from, pages, true))
     }
 }

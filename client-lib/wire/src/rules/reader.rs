@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use pairmask_core::bytes;
-use pairmask_core::filters::{Filter, FilterTable, PairLists, Rules, Tag, World};
+use pairmask_core::filters::{Filter, FilterData, FilterTable, PairLists, Rules, World};
 use pairmask_core::units::BoxCount;
 
-use super::items::{FILTER_WORDS, filter_of};
-use super::place::{PARTS, RulesPlace};
+use super::entries::{FILTER_WORDS, filter_of};
+use super::sections::{PARTS, RulesSections};
 use crate::page::Page;
 use crate::reject::Reject;
 
@@ -70,43 +70,47 @@ impl RulesReader {
     /// the copy. Holders of earlier rules keep what they have.
     ///
     /// # Errors
-    /// [`Reject::Rules`] with the first thing that is wrong.
+    /// [`Reject::Rules`] with the first field that is wrong.
     pub fn read(
         &mut self,
-        place: &RulesPlace,
+        slot: &RulesSections,
         n: BoxCount,
         pages: &[Page],
     ) -> Result<&Arc<SentRules>, Reject> {
         self.named = 0;
         let mut parts: [&[u8]; 4] = [&[]; 4];
-        for ((to, section), (_, _, name)) in parts.iter_mut().zip(&place.0).zip(PARTS) {
+        for ((to, section), (_, _, name)) in parts.iter_mut().zip(&slot.0).zip(PARTS) {
             *to = section.bytes_in(pages).ok_or(Reject::Rules(name))?;
         }
-        let [tags, filters, included, excluded] = parts;
+        let [filter_data, filters, included, excluded] = parts;
         let kept = &*self.kept;
-        // Millions of tags take a thread milliseconds.
+        // Filter data of millions of boxes takes a thread milliseconds.
         let is_shared = bytes::is_in_pool();
-        let [has_tags, has_filters, has_included, has_excluded] = [
-            bytes::are_equal(tags, bytemuck::cast_slice::<Tag, u8>(&kept.rules.tags), is_shared),
+        let [has_filter_data, has_filters, has_included, has_excluded] = [
+            bytes::are_equal(
+                filter_data,
+                bytemuck::cast_slice::<FilterData, u8>(&kept.rules.filter_data),
+                is_shared,
+            ),
             filters == bytemuck::cast_slice::<[u32; FILTER_WORDS], u8>(&kept.filters),
             included == bytemuck::cast_slice::<[u32; 2], u8>(&kept.included),
             excluded == bytemuck::cast_slice::<[u32; 2], u8>(&kept.excluded),
         ];
         let has_lists = has_included && has_excluded && kept.n == n;
-        if has_tags && has_filters && has_lists && kept.number != 0 {
+        if has_filter_data && has_filters && has_lists && kept.number != 0 {
             return Ok(&self.kept);
         }
         if Arc::get_mut(&mut self.kept).is_none() {
             // A frame that is under way has them.
             self.kept = Arc::default();
-            return self.read(place, n, pages);
+            return self.read(slot, n, pages);
         }
         self.number += 1;
-        let changed = Arc::get_mut(&mut self.kept).ok_or(Reject::Rules("tags"))?;
-        // Whatever an error leaves behind is read anew.
+        let changed = Arc::get_mut(&mut self.kept).ok_or(Reject::Rules("filter data"))?;
+        // What an error leaves behind is read anew.
         (changed.number, changed.n) = (0, n);
-        if !has_tags {
-            take(&mut changed.rules.tags, tags);
+        if !has_filter_data {
+            take(&mut changed.rules.filter_data, filter_data);
         }
         if !has_filters {
             take(&mut changed.filters, filters);
@@ -147,12 +151,12 @@ impl RulesReader {
     /// As [`read`](Self::read).
     pub fn read_named(
         &mut self,
-        place: &RulesPlace,
+        slot: &RulesSections,
         number: u64,
         n: BoxCount,
         pages: &[Page],
     ) -> Result<&Arc<SentRules>, Reject> {
-        self.read(place, n, pages)?;
+        self.read(slot, n, pages)?;
         self.named = number;
         Ok(&self.kept)
     }
@@ -179,15 +183,15 @@ impl RulesReader {
 }
 
 /// Takes a copy of items.
-fn take<T: bytemuck::Pod>(items: &mut Vec<T>, from: &[u8]) {
-    items.resize(from.len() / size_of::<T>(), T::zeroed());
-    bytes::copy(from, bytemuck::cast_slice_mut::<T, u8>(items), bytes::is_in_pool());
+fn take<T: bytemuck::Pod>(entries: &mut Vec<T>, from: &[u8]) {
+    entries.resize(from.len() / size_of::<T>(), T::zeroed());
+    bytes::copy(from, bytemuck::cast_slice_mut::<T, u8>(entries), bytes::is_in_pool());
 }
 
 /// The least and the greatest world beside [`World::ALL`], where there are several.
 fn span_of_worlds(rules: &Rules, n: BoxCount) -> Option<[i32; 2]> {
-    let untagged = (rules.tags.len() < n.len()).then_some(World::default());
-    let worlds = rules.tags.iter().map(|tag| tag.world).chain(untagged);
+    let unfiltered = (rules.filter_data.len() < n.len()).then_some(World::default());
+    let worlds = rules.filter_data.iter().map(|filter_data| filter_data.world).chain(unfiltered);
     let (least, greatest) = worlds
         .filter(|world| *world != World::ALL)
         .fold((i32::MAX, i32::MIN), |(least, greatest), World(world)| {

@@ -12,7 +12,7 @@ pub const WORLD_RANGE_WORDS: usize = 3;
 
 impl ResponseHeader {
     /// Says where the ranges of worlds lie.
-    pub fn place_world_ranges(&mut self, span: Span) {
+    pub fn put_world_ranges(&mut self, span: Span) {
         if let Some(free) = self.sections.iter_mut().find(|section| !section.is_used()) {
             *free = Section::of_words(SectionKind::WorldRanges, span);
         }
@@ -50,9 +50,9 @@ pub fn world_ranges_in(
         let start = end;
         let count = u64::from(*low) | u64::from(*high) << 32;
         end = start.checked_add(count).filter(|end| *end <= pairs.len / 2).ok_or(malformed)?;
-        let place = |at: u64| usize::try_from(at).map_err(|_| malformed);
+        let slot = |at: u64| usize::try_from(at).map_err(|_| malformed);
         let world = World(world.cast_signed());
-        ranges.push(WorldRange::new(world, place(start)?..place(end)?));
+        ranges.push(WorldRange::new(world, slot(start)?..slot(end)?));
     }
     let is_whole = end == pairs.len / 2 && ranges.is_sorted_by(|a, b| a.world < b.world);
     if is_whole { Ok(ranges) } else { Err(malformed) }

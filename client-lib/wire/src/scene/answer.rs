@@ -26,7 +26,7 @@ const fn reason_number(reason: EndReason) -> u8 {
     match reason {
         EndReason::Removed => 1,
         EndReason::Filtered => 2,
-        // Whatever a later core adds reads as this: the boxes are no pair any more.
+        // What a later core adds reads as this: the boxes are no pair any more.
         _ => 3,
     }
 }
@@ -51,7 +51,7 @@ pub struct SceneAnswerLayout {
 }
 
 impl SceneAnswerLayout {
-    /// The layout of what a scene tells.
+    /// The layout of what a scene reports.
     pub fn of(reported: &Reported) -> Self {
         let mut end = 0u64;
         let mut next = |len: u64| {
@@ -73,7 +73,7 @@ impl SceneAnswerLayout {
         self.pairs.start + self.pairs.len
     }
 
-    /// Writes what the scene tells into at least so many words.
+    /// Writes what the scene reports into at least so many words.
     ///
     /// # Panics
     /// With fewer.
@@ -122,7 +122,7 @@ pub fn response_scene(
     header
 }
 
-/// The header that answers a request to forget a scene.
+/// The header that answers a request to end a scene.
 pub fn response_scene_ended(fields: &ReplyFields) -> ResponseHeader {
     envelope(fields, StatusCode::Ok)
 }
@@ -152,15 +152,15 @@ impl SceneReply {
     /// Checks a copied header against the request's fields and the payload's length.
     ///
     /// # Errors
-    /// [`ReplyError`] with the first thing that is wrong.
+    /// [`ReplyError`] with the first field that is wrong.
     pub fn parse(
         header: &ResponseHeader,
         asked: &ReplyFields,
         payload_bytes: u64,
     ) -> Result<Self, ReplyError> {
         Reply::check_envelope(header, asked)?;
-        let section = |kind, item_bytes, field| {
-            let section = find(&header.sections, kind, item_bytes, payload_bytes);
+        let section = |kind, entry_bytes, field| {
+            let section = find(&header.sections, kind, entry_bytes, payload_bytes);
             section.ok_or(ReplyError::Malformed { field })
         };
         let pairs = |kind, field| Ok(section(kind, 4 * PAIR_WORDS, field)?.span());

@@ -5,14 +5,14 @@ use std::borrow::Cow;
 use bytemuck::{Pod, Zeroable};
 use pairmask_core::aabb::Aabb;
 use pairmask_core::filters::{Filter, FilterTable};
-use pairmask_core::scene::{Edit, Indices, Sets, Step, Tags};
+use pairmask_core::scene::{Edit, FilterDataSets, Indices, Sets, Step};
 use pairmask_core::write::par_write_boxes;
 
 use super::request::{BOX_BYTES, SceneRequest};
 use crate::page::Page;
 use crate::reject::Reject;
-use crate::rules::items::{
-    FILTER_WORDS, NAMED_PER_BOX, PAIR_WORDS, TAG_WORDS, filter_of, words_of,
+use crate::rules::entries::{
+    FILTER_DATA_WORDS, FILTER_WORDS, NAMED_PER_BOX, PAIR_WORDS, filter_of, words_of,
 };
 use crate::section::{Section, SectionKind};
 
@@ -29,8 +29,8 @@ struct StepRecord {
     count: u32,
     /// Where its words begin among the words of the edit.
     words_at: u32,
-    /// Where its boxes begin among the boxes of the edit, or its tags among the words.
-    items_at: u32,
+    /// Where its boxes begin among the boxes of the edit, or its filter data among the words.
+    entries_at: u32,
 }
 
 pub(super) const STEP_BYTES: u64 = 24;
@@ -38,11 +38,11 @@ const _: () = assert!(size_of::<StepRecord>() as u64 == STEP_BYTES);
 
 const REMOVE: u32 = 1;
 const SET: u32 = 2;
-const SWITCH_ON: u32 = 3;
-const SWITCH_OFF: u32 = 4;
+const ENABLE: u32 = 3;
+const DISABLE: u32 = 4;
 const MAKE_STATIC: u32 = 5;
 const MAKE_MOVABLE: u32 = 6;
-const TAG: u32 = 7;
+const FILTER_DATUM: u32 = 7;
 const FILTERS: u32 = 8;
 const INCLUDE: u32 = 9;
 const INCLUDE_NO_MORE: u32 = 10;
@@ -76,7 +76,7 @@ impl EditLayout {
     pub fn of(edit: Edit<'_>) -> Option<Self> {
         let mut layout = Self { records: Vec::with_capacity(edit.steps.len()), boxes: 0, words: 0 };
         for step in edit.steps {
-            let Written { does, indices, boxes, items, count } = Written::of(step)?;
+            let Written { does, indices, boxes, entries, count } = Written::of(step)?;
             let (names, first, count) = match indices {
                 None => (0, 0, count),
                 Some(Indices::Range { first, count }) => (RANGE, first, count as usize),
@@ -86,17 +86,17 @@ impl EditLayout {
                 Some(_) => return None,
             };
             let words = if matches!(names, LIST | MASK) { count as u64 } else { 0 };
-            let items_at = if items.is_some() { layout.words + words } else { layout.boxes };
+            let entries_at = if entries.is_some() { layout.words + words } else { layout.boxes };
             layout.records.push(StepRecord {
                 does,
                 names,
                 first,
                 count: u32::try_from(count).ok()?,
                 words_at: u32::try_from(layout.words).ok()?,
-                items_at: u32::try_from(items_at).ok()?,
+                entries_at: u32::try_from(entries_at).ok()?,
             });
             layout.boxes += boxes.len() as u64;
-            layout.words += words + items.map_or(0, |items| items.len() as u64);
+            layout.words += words + entries.map_or(0, |entries| entries.len() as u64);
         }
         Some(layout)
     }
@@ -132,20 +132,21 @@ impl EditLayout {
         let mut is_written = records_at.put(bytemuck::cast_slice(&self.records), pages, false);
         let mut mask = Vec::new();
         for (step, record) in edit.steps.iter().zip(&self.records) {
-            let Some(Written { indices, boxes, items, .. }) = Written::of(step) else {
+            let Some(Written { indices, boxes, entries, .. }) = Written::of(step) else {
                 return false;
             };
             let put = |at: u32, words: &[u32], pages: &mut [Page]| {
-                let place = Section { offset: words_at.offset + 4 * u64::from(at), ..words_at };
-                place.put(bytemuck::cast_slice(words), pages, false)
+                let slot = Section { offset: words_at.offset + 4 * u64::from(at), ..words_at };
+                slot.put(bytemuck::cast_slice(words), pages, false)
             };
-            is_written &= if let Some(items) = items {
-                put(record.items_at, &items, pages)
+            is_written &= if let Some(entries) = entries {
+                put(record.entries_at, &entries, pages)
             } else {
-                let (first, count) = (record.items_at as usize, boxes.len());
-                let place = boxes_at.items_in_mut::<Aabb>(pages).and_then(|to| to.get_mut(first..));
-                let place = place.and_then(|to| to.get_mut(..count));
-                place.map(|to| par_write_boxes(boxes, to)).is_some()
+                let (first, count) = (record.entries_at as usize, boxes.len());
+                let slot =
+                    boxes_at.entries_in_mut::<Aabb>(pages).and_then(|to| to.get_mut(first..));
+                let slot = slot.and_then(|to| to.get_mut(..count));
+                slot.map(|to| par_write_boxes(boxes, to)).is_some()
             };
             let words = match indices {
                 Some(Indices::List(list)) if record.names == MASK => {
@@ -173,8 +174,8 @@ struct Written<'a> {
     /// `None` where it names none, but has so many items of its own.
     indices: Option<Indices<'a>>,
     boxes: &'a [Aabb],
-    /// Its tags, filters or pairs as words.
-    items: Option<Cow<'a, [u32]>>,
+    /// Its filter data, filters or pairs as words.
+    entries: Option<Cow<'a, [u32]>>,
     count: usize,
 }
 
@@ -185,14 +186,14 @@ impl<'a> Written<'a> {
             does,
             indices: Some(indices),
             boxes: &[],
-            items: None,
+            entries: None,
             count: 0,
         };
-        let own = |does, items: Cow<'a, [u32]>, count| Self {
+        let own = |does, entries: Cow<'a, [u32]>, count| Self {
             does,
             indices: None,
             boxes: &[],
-            items: Some(items),
+            entries: Some(entries),
             count,
         };
         let pairs =
@@ -200,13 +201,13 @@ impl<'a> Written<'a> {
         Some(match *step {
             Step::Remove(indices) => plain(REMOVE, indices),
             Step::Set(Sets { indices, boxes }) => Self { boxes, ..plain(SET, indices) },
-            Step::Switch(indices, true) => plain(SWITCH_ON, indices),
-            Step::Switch(indices, false) => plain(SWITCH_OFF, indices),
+            Step::Enable(indices, true) => plain(ENABLE, indices),
+            Step::Enable(indices, false) => plain(DISABLE, indices),
             Step::Static(indices, true) => plain(MAKE_STATIC, indices),
             Step::Static(indices, false) => plain(MAKE_MOVABLE, indices),
-            Step::Tag(Tags { indices, tags }) => {
-                let tags: &[u32] = bytemuck::cast_slice(tags);
-                Self { items: Some(tags.into()), ..plain(TAG, indices) }
+            Step::FilterData(FilterDataSets { indices, filter_data }) => {
+                let filter_data: &[u32] = bytemuck::cast_slice(filter_data);
+                Self { entries: Some(filter_data.into()), ..plain(FILTER_DATUM, indices) }
             }
             Step::Filters(table) => {
                 let words: Vec<u32> = table.filters().iter().flat_map(words_of).collect();
@@ -246,18 +247,18 @@ impl EditScratch {
         pages: &'a [Page],
     ) -> Result<Vec<Step<'a>>, Reject> {
         self.copy_steps(request, pages)?;
-        self.steps_of(request.boxes.items_in(pages).ok_or(Reject::Edit("boxes"))?)
+        self.steps_of(request.boxes.entries_in(pages).ok_or(Reject::Edit("boxes"))?)
     }
 
     /// Copies an edit, its boxes as well, and checks it. Its [steps](Self::steps) are the same from then on,
-    /// whatever becomes of the memory where it lay.
+    /// regardless of what becomes of the memory where it lay.
     ///
     /// # Errors
     /// As [`read`](Self::read); what is kept is of no use then.
     pub fn copy(&mut self, request: &SceneRequest, pages: &[Page]) -> Result<(), Reject> {
         self.copy_steps(request, pages)?;
         self.boxes.clear();
-        let boxes = request.boxes.items_in(pages).ok_or(Reject::Edit("boxes"))?;
+        let boxes = request.boxes.entries_in(pages).ok_or(Reject::Edit("boxes"))?;
         self.boxes.extend_from_slice(boxes);
         self.steps().map(drop)
     }
@@ -291,17 +292,17 @@ impl EditScratch {
     /// Copies what an edit says, but for boxes.
     fn copy_steps(&mut self, request: &SceneRequest, pages: &[Page]) -> Result<(), Reject> {
         self.most_boxes = request.most_boxes;
-        let records = request.steps.items_in(pages).ok_or(Reject::Edit("steps"))?;
+        let records = request.steps.entries_in(pages).ok_or(Reject::Edit("steps"))?;
         self.records.clear();
         self.records.extend_from_slice(records);
-        let words = request.indices.items_in(pages).ok_or(Reject::Edit("indices"))?;
+        let words = request.indices.entries_in(pages).ok_or(Reject::Edit("indices"))?;
         self.words.clear();
         self.words.extend_from_slice(words);
 
         let wrong = Reject::Edit("filters");
         let mut tables = self.records.iter().filter(|record| record.does == FILTERS);
         if let Some(record) = tables.next() {
-            let words = items_of::<[u32; FILTER_WORDS]>(record, &self.words).ok_or(wrong)?;
+            let words = entries_of::<[u32; FILTER_WORDS]>(record, &self.words).ok_or(wrong)?;
             let filters: Vec<Filter> = words.iter().map(filter_of).collect();
             self.table = FilterTable::new(&filters).map_err(|_| wrong)?;
         }
@@ -329,21 +330,21 @@ impl EditScratch {
         indices: Indices<'a>,
         boxes: &'a [Aabb],
     ) -> Option<Step<'a>> {
-        let pairs = || items_of::<[u32; PAIR_WORDS]>(record, &self.words);
+        let pairs = || entries_of::<[u32; PAIR_WORDS]>(record, &self.words);
         Some(match record.does {
             REMOVE => Step::Remove(indices),
             SET => {
-                let own = boxes.get(record.items_at as usize..)?.get(..indices.len())?;
+                let own = boxes.get(record.entries_at as usize..)?.get(..indices.len())?;
                 Step::Set(Sets { indices, boxes: own })
             }
-            SWITCH_ON => Step::Switch(indices, true),
-            SWITCH_OFF => Step::Switch(indices, false),
+            ENABLE => Step::Enable(indices, true),
+            DISABLE => Step::Enable(indices, false),
             MAKE_STATIC => Step::Static(indices, true),
             MAKE_MOVABLE => Step::Static(indices, false),
-            TAG => {
-                let own = self.words.get(record.items_at as usize..)?;
-                let own = own.get(..indices.len().checked_mul(TAG_WORDS)?)?;
-                Step::Tag(Tags { indices, tags: bytemuck::cast_slice(own) })
+            FILTER_DATUM => {
+                let own = self.words.get(record.entries_at as usize..)?;
+                let own = own.get(..indices.len().checked_mul(FILTER_DATA_WORDS)?)?;
+                Step::FilterData(FilterDataSets { indices, filter_data: bytemuck::cast_slice(own) })
             }
             FILTERS => Step::Filters(&self.table),
             INCLUDE => Step::Include(pairs()?, true),
@@ -370,7 +371,7 @@ fn indices_of<'a>(record: &StepRecord, words: &'a [u32]) -> Option<Indices<'a>> 
 }
 
 /// As many items as a step counts, of words that begin where it says.
-fn items_of<'a, T: Pod>(record: &StepRecord, words: &'a [u32]) -> Option<&'a [T]> {
+fn entries_of<'a, T: Pod>(record: &StepRecord, words: &'a [u32]) -> Option<&'a [T]> {
     let count = (record.count as usize).checked_mul(size_of::<T>() / 4)?;
-    Some(bytemuck::cast_slice(words.get(record.items_at as usize..)?.get(..count)?))
+    Some(bytemuck::cast_slice(words.get(record.entries_at as usize..)?.get(..count)?))
 }

@@ -1,10 +1,10 @@
-//! Scenes that persist: edits that a client sends, and what the daemon tells.
+//! Persistent scenes: edits that a client sends, and what the daemon reports.
 //!
 //! ```text
 //! request   the header of an edit
 //! body      its steps, which lie in the payload
 //! query     boxes that are asked of a scene
-//! answer    the header and the payload of what is told
+//! answer    the header and the payload of what is reported
 //! shared    scenes that several sessions write
 //! ```
 

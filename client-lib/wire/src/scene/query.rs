@@ -1,9 +1,9 @@
 //! A query of a scene: which boxes of it some other boxes overlap. Its answer is that of a frame.
 
 use pairmask_core::aabb::Aabb;
-use pairmask_core::filters::Tag;
+use pairmask_core::filters::FilterData;
 use pairmask_core::mask::Encoding;
-use pairmask_core::scene::{QueryMask, QueryTags};
+use pairmask_core::scene::{QueryFilterData, QueryMask};
 
 use super::request::{BOX_BYTES, SceneId};
 use crate::header::{Operation, RequestHeader, thread_number, threads_of};
@@ -11,8 +11,8 @@ use crate::page::Page;
 use crate::reject::Reject;
 use crate::section::{Section, SectionKind, find, has, slots};
 
-const TAG_BYTES: u64 = size_of::<Tag>() as u64;
-/// Tags begin on a cache line.
+const FILTER_DATA_BYTES: u64 = size_of::<FilterData>() as u64;
+/// Filter data begin on a cache line.
 const LINE_BYTES: u64 = 64;
 
 /// A query of a scene: what a client says in a header, and what a daemon has validated of one.
@@ -30,67 +30,75 @@ pub struct QueryRequest {
     /// Threads that may be used; `None` leaves the number to the daemon.
     pub threads: Option<usize>,
     boxes: Section,
-    /// Tags in the payload: one for all queries, or one for each.
-    tags: Option<Section>,
+    /// Filter data in the payload: one for all queries, or one for each.
+    filter_data: Option<Section>,
 }
 
 impl QueryRequest {
-    /// A query of a scene, whose boxes and tags lie as [`write`](Self::write) puts them.
+    /// A query of a scene, whose boxes and filter data lie as [`write`](Self::write) puts them.
     pub fn new(
         scene: SceneId,
         revision: Option<u64>,
         mask: QueryMask,
         encoding: Encoding,
-        tags: &QueryTags<'_>,
+        filter_data: &QueryFilterData<'_>,
     ) -> Self {
         let queries = u64::from(mask.queries());
         let boxes = Section::required(SectionKind::Boxes, 0, BOX_BYTES * queries);
         let at = boxes.bytes.next_multiple_of(LINE_BYTES);
-        let section = |count| Section::required(SectionKind::QueryTags, at, TAG_BYTES * count);
-        let tags = match tags {
-            QueryTags::None => None,
-            // A single query has one tag either way.
-            QueryTags::Each(_) => Some(section(queries)),
-            QueryTags::One(_) => Some(section(1)),
+        let section =
+            |count| Section::required(SectionKind::QueryFilterData, at, FILTER_DATA_BYTES * count);
+        let filter_data = match filter_data {
+            QueryFilterData::None => None,
+            // A single query has one entry of filter data either way.
+            QueryFilterData::Each(_) => Some(section(queries)),
+            QueryFilterData::One(_) => Some(section(1)),
         };
-        Self { scene, revision, mask, encoding, threads: None, boxes, tags }
+        Self { scene, revision, mask, encoding, threads: None, boxes, filter_data }
     }
 
     /// Bytes of the payload.
     pub fn payload_bytes(&self) -> u64 {
-        self.tags.map_or(self.boxes.bytes, |tags| tags.offset + tags.bytes)
+        self.filter_data
+            .map_or(self.boxes.bytes, |filter_data| filter_data.offset + filter_data.bytes)
     }
 
-    /// Writes boxes and tags into the payload. Whether there is room for them.
+    /// Writes boxes and filter data into the payload. Whether there is room for them.
     ///
     /// # Panics
     /// Where they are not as many as the request says.
     #[must_use]
-    pub fn write(&self, boxes: &[Aabb], tags: &QueryTags<'_>, pages: &mut [Page]) -> bool {
+    pub fn write(
+        &self,
+        boxes: &[Aabb],
+        filter_data: &QueryFilterData<'_>,
+        pages: &mut [Page],
+    ) -> bool {
         let mut put = |section: &Section, bytes: &[u8]| {
             assert_eq!(section.bytes, bytes.len() as u64, "as many as the request says");
             section.put(bytes, pages, false)
         };
-        let tags: &[Tag] = match tags {
-            QueryTags::None => &[],
-            QueryTags::Each(tags) => tags,
-            QueryTags::One(tag) => std::slice::from_ref(tag),
+        let filter_data: &[FilterData] = match filter_data {
+            QueryFilterData::None => &[],
+            QueryFilterData::Each(filter_data) => filter_data,
+            QueryFilterData::One(filter_data) => std::slice::from_ref(filter_data),
         };
-        let tags_fit = self.tags.is_none_or(|section| put(&section, bytemuck::cast_slice(tags)));
-        tags_fit && put(&self.boxes, bytemuck::cast_slice(boxes))
+        let filter_data_fit =
+            self.filter_data.is_none_or(|section| put(&section, bytemuck::cast_slice(filter_data)));
+        filter_data_fit && put(&self.boxes, bytemuck::cast_slice(boxes))
     }
 
-    /// The boxes and tags in the payload, which another process may write while they are read; `None` where
+    /// The boxes and filter data in the payload, which another process may write while they are read; `None` where
     /// they are not all there.
-    pub fn read<'a>(&self, pages: &'a [Page]) -> Option<(&'a [Aabb], QueryTags<'a>)> {
-        let tags = match &self.tags {
-            None => QueryTags::None,
-            Some(section) if section.bytes == TAG_BYTES => {
-                QueryTags::One(*section.items_in(pages)?.first()?)
+    pub fn read<'a>(&self, pages: &'a [Page]) -> Option<(&'a [Aabb], QueryFilterData<'a>)> {
+        let filter_data = match &self.filter_data {
+            None => QueryFilterData::None,
+            Some(section) if section.bytes == FILTER_DATA_BYTES => {
+                QueryFilterData::One(*section.entries_in(pages)?.first()?)
             }
-            Some(section) => QueryTags::Each(section.items_in(pages)?),
+            Some(section) => QueryFilterData::Each(section.entries_in(pages)?),
         };
-        Some((self.boxes.items_in(pages)?, tags))
+        Some((self.boxes.entries_in(pages)?, filter_data))
     }
 
     /// Checks a copied header against the payload's length.
@@ -98,8 +106,8 @@ impl QueryRequest {
         let revision = (header.base != 0).then_some(header.base);
         let found = header.encoding;
         let encoding = Encoding::from_wire(found).ok_or(Reject::Encoding(found))?;
-        let section = |kind, item_bytes, field| {
-            let section = find(&header.sections, kind, item_bytes, payload_bytes);
+        let section = |kind, entry_bytes, field| {
+            let section = find(&header.sections, kind, entry_bytes, payload_bytes);
             section.ok_or(Reject::Query(field))
         };
         let boxes = section(SectionKind::Boxes, BOX_BYTES, "boxes")?;
@@ -108,11 +116,14 @@ impl QueryRequest {
         // Both are at most the object count.
         let mask = index_end.and_then(|end| QueryMask::new(queries as usize, end as u32));
         let mask = mask.ok_or(Reject::Query("object count"))?;
-        let has_tags = has(&header.sections, SectionKind::QueryTags);
-        let tags = has_tags.then(|| section(SectionKind::QueryTags, TAG_BYTES, "tags"));
-        let tags = tags.transpose()?;
-        if tags.is_some_and(|tags| ![1, queries].contains(&(tags.bytes / TAG_BYTES))) {
-            return Err(Reject::Query("tags"));
+        let has_filter_data = has(&header.sections, SectionKind::QueryFilterData);
+        let filter_data = has_filter_data
+            .then(|| section(SectionKind::QueryFilterData, FILTER_DATA_BYTES, "filter data"));
+        let filter_data = filter_data.transpose()?;
+        if filter_data.is_some_and(|filter_data| {
+            ![1, queries].contains(&(filter_data.bytes / FILTER_DATA_BYTES))
+        }) {
+            return Err(Reject::Query("filter data"));
         }
         Ok(Self {
             scene: SceneId(header.scene),
@@ -121,7 +132,7 @@ impl QueryRequest {
             encoding,
             threads: threads_of(header.threads),
             boxes,
-            tags,
+            filter_data,
         })
     }
 }
@@ -133,7 +144,7 @@ impl RequestHeader {
             box_count: request.mask.n().get(),
             encoding: request.encoding as u32,
             threads: thread_number(request.threads),
-            sections: slots([request.boxes].into_iter().chain(request.tags)),
+            sections: slots([request.boxes].into_iter().chain(request.filter_data)),
             scene: request.scene.0,
             base: request.revision.unwrap_or(0),
             ..Self::envelope(Operation::QueryScene, client_token, frame)
@@ -149,10 +160,10 @@ mod tests {
 
     const PAGE: u64 = size_of::<Page>() as u64;
 
-    fn request(queries: usize, tags: &QueryTags<'_>) -> QueryRequest {
+    fn request(queries: usize, filter_data: &QueryFilterData<'_>) -> QueryRequest {
         let mask = QueryMask::new(queries, 1_000).expect("few");
         let revision = [None, Some(7)][queries % 2];
-        QueryRequest::new(SceneId(3), revision, mask, Encoding::List, tags)
+        QueryRequest::new(SceneId(3), revision, mask, Encoding::List, filter_data)
     }
 
     fn parse(header: &RequestHeader, payload_bytes: u64) -> Result<QueryRequest, Reject> {
@@ -164,25 +175,31 @@ mod tests {
 
     #[test]
     fn what_is_written_is_read() {
-        let tag = |world| Tag::default().with_world(World(world));
+        let in_world = |world| FilterData::default().with_world(World(world));
         for queries in [0, 1, 2, 3, 170, 171] {
             let boxes: Vec<Aabb> = (0..queries).map(|i| Aabb::point([i as f32; 3])).collect();
-            let tags: Vec<Tag> = (0..queries as i32).map(tag).collect();
-            for tags in [QueryTags::None, QueryTags::One(tag(9)), QueryTags::Each(&tags)] {
-                let sent = request(queries, &tags);
+            let each: Vec<FilterData> = (0..queries as i32).map(in_world).collect();
+            for filter_data in [
+                QueryFilterData::None,
+                QueryFilterData::One(in_world(9)),
+                QueryFilterData::Each(&each),
+            ] {
+                let sent = request(queries, &filter_data);
                 let mut pages = vec![
                     bytemuck::Zeroable::zeroed();
                     sent.payload_bytes().div_ceil(PAGE) as usize
                 ];
-                assert!(sent.write(&boxes, &tags, &mut pages));
+                assert!(sent.write(&boxes, &filter_data, &mut pages));
                 let header = RequestHeader::query_scene(1, 2, &sent);
                 let got = parse(&header, PAGE * pages.len() as u64).expect("right");
                 assert_eq!(got, sent);
-                let (read, read_tags) = got.read(&pages).expect("all there");
+                let (read, read_filter_data) = got.read(&pages).expect("all there");
                 assert_eq!(read, boxes);
-                match (tags, queries) {
-                    (QueryTags::Each(tags), 1) => assert_eq!(read_tags, QueryTags::One(tags[0])),
-                    _ => assert_eq!(read_tags, tags),
+                match (filter_data, queries) {
+                    (QueryFilterData::Each(filter_data), 1) => {
+                        assert_eq!(read_filter_data, QueryFilterData::One(filter_data[0]))
+                    }
+                    _ => assert_eq!(read_filter_data, filter_data),
                 }
                 if sent.payload_bytes() > 0 {
                     assert!(parse(&header, sent.payload_bytes() - 1).is_err());
@@ -194,8 +211,9 @@ mod tests {
 
     #[test]
     fn forged_queries_are_refused() {
-        let tags = [Tag::default(); 5];
-        let right = RequestHeader::query_scene(1, 2, &request(5, &QueryTags::Each(&tags)));
+        let filter_data = [FilterData::default(); 5];
+        let right =
+            RequestHeader::query_scene(1, 2, &request(5, &QueryFilterData::Each(&filter_data)));
         assert!(parse(&right, PAGE).is_ok());
         let forgeries: [&dyn Fn(&mut RequestHeader); 12] = [
             &|h| h.encoding = 99,
@@ -219,12 +237,15 @@ mod tests {
     }
 
     #[test]
-    fn tags_belong_to_queries_alone() {
-        let mut header =
-            RequestHeader::query_scene(1, 2, &request(5, &QueryTags::One(Tag::default())));
+    fn filter_data_belongs_to_queries_alone() {
+        let mut header = RequestHeader::query_scene(
+            1,
+            2,
+            &request(5, &QueryFilterData::One(FilterData::default())),
+        );
         header.operation = Operation::Cull as u32;
         header.box_count = 5;
-        let found = SectionKind::QueryTags as u32;
+        let found = SectionKind::QueryFilterData as u32;
         assert_eq!(Request::parse(&header, PAGE), Err(Reject::UnknownSection(found)));
     }
 }

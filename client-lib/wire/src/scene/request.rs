@@ -13,7 +13,7 @@ pub struct SceneId(pub u32);
 
 /// Flag of an edit: the client took the answer to the one before.
 const TAKEN: u32 = 1;
-/// Flag of an edit: the client knows pairs that this scene has not told, so that the next changes are
+/// Flag of an edit: the client knows pairs that this scene has not reported, so that the next changes are
 /// all pairs.
 const LOST: u32 = 1 << 1;
 
@@ -23,7 +23,7 @@ const LOST: u32 = 1 << 1;
 pub struct SceneRequest {
     /// The scene, among those of the session.
     pub scene: SceneId,
-    /// The revision that the edit changes; 0 begins the scene anew, whatever there was.
+    /// The revision that the edit changes; 0 begins the scene anew, regardless of what there was.
     pub base: u64,
     /// The revision that it makes: not 0, and not the base.
     pub revision: u64,
@@ -47,13 +47,13 @@ pub struct SceneRequest {
     pub indices: Section,
 }
 
-/// The wire's number of what an edit wants.
+/// The wire's number of what an edit asks for.
 const fn report_number(report: Report) -> u32 {
     match report {
         Report::Changes => 1,
         Report::Moved => 2,
         Report::All => 3,
-        // Whatever a later core adds is of a later wire version.
+        // What a later core adds is of a later wire version.
         _ => 4,
     }
 }
@@ -83,7 +83,7 @@ impl RequestHeader {
         }
     }
 
-    /// A request to forget a scene.
+    /// A request to end a scene.
     pub fn end_scene(client_token: u64, frame: u64, scene: SceneId) -> Self {
         Self { scene: scene.0, ..Self::envelope(Operation::EndScene, client_token, frame) }
     }
@@ -100,8 +100,8 @@ impl SceneRequest {
         if header.revision == 0 || header.revision == header.base {
             return Err(Reject::Edit("revision"));
         }
-        let section = |kind, item_bytes, field| {
-            let section = find(&header.sections, kind, item_bytes, payload_bytes);
+        let section = |kind, entry_bytes, field| {
+            let section = find(&header.sections, kind, entry_bytes, payload_bytes);
             section.ok_or(Reject::Edit(field))
         };
         let boxes = section(SectionKind::Boxes, BOX_BYTES, "boxes")?;

@@ -199,7 +199,7 @@ pub fn lease_detail(error: &LeaseError) -> [u64; 2] {
         LeaseError::Full { count } => [4, u64::from(count)],
         LeaseError::TooMany { limit } => [5, limit as u64],
         LeaseError::NotHeld { first } => [6, u64::from(first)],
-        // Of no index; whatever a later core adds reads as this.
+        // Of no index; what a later core adds reads as this.
         _ => [1, 0],
     }
 }
@@ -441,7 +441,7 @@ pub struct TickMarks {
 }
 
 impl TickMarks {
-    /// Of a tick whose late ranges follow what a scene tells.
+    /// Of a tick whose late ranges follow what a scene reports.
     pub fn after(scene: &SceneAnswerLayout, tick: u64, late: &[Range<u32>]) -> Self {
         Self { tick, late: Span { start: scene.words(), len: 2 * late.len() as u64 } }
     }
@@ -461,7 +461,7 @@ impl TickMarks {
         to.iter_mut().zip(late).for_each(|(to, range)| *to = [range.start, range.end]);
     }
 
-    /// Adds the marks to the header of what a scene tells.
+    /// Adds the marks to the header of what a scene reports.
     #[must_use]
     pub fn mark(&self, header: ResponseHeader) -> ResponseHeader {
         let mut header = header;
@@ -473,7 +473,7 @@ impl TickMarks {
     /// Checks the header of an answer that was parsed as that of a scene.
     ///
     /// # Errors
-    /// [`ReplyError`] with the first thing that is wrong.
+    /// [`ReplyError`] with the first field that is wrong.
     pub fn parse(header: &ResponseHeader, payload_bytes: u64) -> Result<Self, ReplyError> {
         let late = find(&header.sections, SectionKind::LateRanges, 8, payload_bytes);
         let late = late.ok_or(ReplyError::Malformed { field: "late ranges" })?;

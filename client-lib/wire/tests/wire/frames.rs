@@ -14,7 +14,7 @@ use pairmask_core::sphere::Sphere;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
     AuditCounts, CullRequest, LAST_ERRORS, Page, RecordedError, Reject, Reply, ReplyError,
-    ReplyFields, Request, RequestHeader, ResponseHeader, ScenePlace, Section, SectionKind,
+    ReplyFields, Request, RequestHeader, ResponseHeader, SceneSections, Section, SectionKind,
     StatusBody, StatusCode, Version, response_error, response_ok, response_status,
 };
 use proptest::prelude::*;
@@ -37,8 +37,8 @@ fn cull_of(form: impl Into<ObjectForm>) -> CullRequest {
         engine: EngineChoice::Only(EngineName::CpuBrute),
         encoding: EncodingChoice::Only(Encoding::Sparse),
         threads: Some(2),
-        visit_threads: Some(8),
-        ..CullRequest::of(ScenePlace::first(form, N))
+        iterate_threads: Some(8),
+        ..CullRequest::of(SceneSections::first(form, N))
     }
 }
 
@@ -218,7 +218,7 @@ fn a_request_round_trips() {
 
 #[test]
 fn a_request_to_be_culled_anew_is_a_flag() {
-    let scene = ScenePlace::first(BoxForm::F32, N);
+    let scene = SceneSections::first(BoxForm::F32, N);
     let anew = CullRequest { may_repeat: false, ..CullRequest::of(scene) };
     let header = RequestHeader::cull(1, 2, &anew);
     assert_eq!(header.flags, 1);
@@ -230,7 +230,7 @@ fn a_request_to_be_culled_anew_is_a_flag() {
 #[test]
 fn a_cull_of_two_sets_is_an_operation() {
     for form in ObjectForm::ALL {
-        let scene = ScenePlace::first(form, N);
+        let scene = SceneSections::first(form, N);
         for first in [0, 1, N.get(), N.get() + 1, u32::MAX] {
             let first_set = Some(BoxCount::new(first));
             let request = CullRequest { first_set, ..CullRequest::of(scene) };
@@ -268,7 +268,7 @@ fn reasons_of_skipped_pairs_stand_where_zeros_stood() {
     assert_eq!((parsed.why.cell, parsed.why.total()), (0, u64::MAX));
 }
 
-/// A client of the same major version is answered whatever its minor.
+/// A client of the same major version is answered regardless of its minor.
 #[test]
 fn clients_of_every_minor_version_are_answered() {
     for minor in [0, 1, Version::CURRENT.minor + 1, u16::MAX] {
@@ -444,7 +444,7 @@ proptest! {
         if let Ok(Request::Cull(CullRequest { scene, .. })) =
             Request::parse(&header, payload_bytes)
         {
-            let ScenePlace { form, count, offset, .. } = scene;
+            let SceneSections { form, count, offset, .. } = scene;
             let object_bytes = match form {
                 ObjectForm::Boxes(BoxForm::F32) => 24,
                 ObjectForm::Boxes(BoxForm::Q16 | BoxForm::F16) => 12,

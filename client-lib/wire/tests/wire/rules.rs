@@ -7,14 +7,14 @@ use std::sync::Arc;
 use bytemuck::{cast_slice, cast_slice_mut};
 use pairmask_core::dispatch::{StageTimes, WorldRange};
 use pairmask_core::engine::{Census, CullReport, EngineName, EngineTimes};
-use pairmask_core::filters::{Filter, FilterId, FilterTable, Owner, Rules, Tag, World};
+use pairmask_core::filters::{Filter, FilterData, FilterId, FilterTable, Owner, Rules, World};
 use pairmask_core::mask::{MaskShape, Span};
 use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::BoxForm;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
     CullRequest, Page, Reject, Reply, ReplyError, ReplyFields, Request, RequestHeader,
-    ResponseHeader, RulesLayout, RulesReader, ScenePlace, Section, SectionKind, SentRules,
+    ResponseHeader, RulesLayout, RulesReader, SceneSections, Section, SectionKind, SentRules,
     WORLD_RANGE_WORDS, response_ok, world_ranges_in, write_world_ranges,
 };
 use proptest::prelude::*;
@@ -30,8 +30,8 @@ fn rules() -> Rules {
         Filter::new(4, u64::MAX).with_static(true).with_either(true),
     ])
     .unwrap();
-    rules.tags = vec![Tag::default(); 2];
-    rules.tags[1] = Tag::new(World(-7), Owner(9), FilterId(1)).with_static(true);
+    rules.filter_data = vec![FilterData::default(); 2];
+    rules.filter_data[1] = FilterData::new(World(-7), Owner(9), FilterId(1)).with_static(true);
     rules.lists.include([5, 3], true);
     rules.lists.exclude([0, 19], true);
     rules
@@ -39,11 +39,11 @@ fn rules() -> Rules {
 
 /// A request with rules behind boxes, and its payload.
 fn sent(rules: &Rules, n: BoxCount, form: BoxForm) -> (RequestHeader, Vec<Page>) {
-    let scene = ScenePlace::first(form, n);
+    let scene = SceneSections::first(form, n);
     let layout = RulesLayout::of(rules, n, scene.payload_bytes()).unwrap();
     let mut pages = pages(layout.payload_bytes());
     assert!(layout.write(rules, &mut pages));
-    let request = CullRequest { rules: Some(layout.place()), ..CullRequest::of(scene) };
+    let request = CullRequest { rules: Some(layout.sections()), ..CullRequest::of(scene) };
     (RequestHeader::cull(1, 2, &request), pages)
 }
 
@@ -56,12 +56,14 @@ fn received(
     let Request::Cull(request) = Request::parse(header, size_of_val(pages) as u64)? else {
         panic!("a cull")
     };
-    let place = request.rules.expect("rules");
-    reader.read(&place, request.scene.count, pages).map(Arc::clone)
+    let position = request.rules.expect("rules");
+    reader.read(&position, request.scene.count, pages).map(Arc::clone)
 }
 
 fn is_same(a: &Rules, b: &Rules, n: BoxCount) -> bool {
-    (0..n.get()).all(|i| a.tag(i) == b.tag(i) && (0..i).all(|j| a.meet(i, j) == b.meet(i, j)))
+    (0..n.get()).all(|i| {
+        a.filter_data(i) == b.filter_data(i) && (0..i).all(|j| a.meet(i, j) == b.meet(i, j))
+    })
 }
 
 #[test]
@@ -103,11 +105,11 @@ fn rules_are_read_as_they_were_written_and_known_again() {
     let first = received(&header, &pages, &mut reader).unwrap();
     let mut numbers = vec![first.number()];
     let changes: [fn(&mut Rules); 5] = [
-        |rules| rules.tags[0].owner = Owner(1),
+        |rules| rules.filter_data[0].owner = Owner(1),
         |rules| rules.table = FilterTable::new(&[Filter::new(1, 1)]).unwrap(),
         |rules| assert!(rules.lists.include([5, 3], false)),
         |rules| assert!(rules.lists.exclude([0, 18], true)),
-        |rules| rules.tags.clear(),
+        |rules| rules.filter_data.clear(),
     ];
     for change in changes {
         change(&mut rules);
@@ -120,7 +122,7 @@ fn rules_are_read_as_they_were_written_and_known_again() {
     let (header, pages) = sent(&rules, fewer, BoxForm::F32);
     numbers.push(received(&header, &pages, &mut reader).unwrap().number());
     assert!(numbers.is_sorted_by(|a, b| a < b), "{numbers:?}");
-    assert_eq!(first.rules().tag(1).world, World(-7));
+    assert_eq!(first.rules().filter_data(1).world, World(-7));
     reader.give_back();
     assert!(received(&header, &pages, &mut reader).unwrap().number() > numbers[6]);
 }
@@ -129,7 +131,8 @@ fn rules_are_read_as_they_were_written_and_known_again() {
 fn worlds_and_rules_that_let_all_meet_are_seen() {
     let of_worlds = |worlds: &[i32]| {
         let mut rules = Rules::default();
-        rules.tags = worlds.iter().map(|world| Tag::default().with_world(World(*world))).collect();
+        rules.filter_data =
+            worlds.iter().map(|world| FilterData::default().with_world(World(*world))).collect();
         let n = BoxCount::new(worlds.len() as u32);
         let (header, pages) = sent(&rules, n, BoxForm::F32);
         let sent = received(&header, &pages, &mut RulesReader::default()).unwrap();
@@ -161,7 +164,7 @@ fn forged_rules_are_refused() {
         }
         assert!(refused(&forged(header, |h| h.sections[6] = h.sections[slot])), "{slot}");
     }
-    // More tags than boxes, more filters than ids, more pairs than may be named.
+    // More filter data than boxes, more filters than ids, more pairs than may be named.
     for (slot, bytes) in [(1, 12 * 21), (2, 24 * 65_537), (3, 8 * 65_857), (4, 8 * 65_857)] {
         let header = forged(header, |h| h.sections[slot].bytes = bytes);
         assert!(matches!(Request::parse(&header, 1 << 30), Err(Reject::Rules(_))), "{slot}");
@@ -196,25 +199,25 @@ fn rules_are_kept_under_the_number_of_their_client() {
     let Ok(Request::Cull(with_rules)) = Request::parse(&header, payload_bytes) else {
         panic!("a cull");
     };
-    let place = with_rules.rules.unwrap();
+    let position = with_rules.rules.unwrap();
     let mut reader = RulesReader::default();
     assert_eq!(reader.named(0, N).unwrap_err(), Reject::UnknownRules);
-    reader.read_named(&place, 7, N, &pages).unwrap();
+    reader.read_named(&position, 7, N, &pages).unwrap();
     assert!(is_same(reader.named(7, N).unwrap().rules(), &rules(), N));
     assert_eq!(reader.named(8, N).unwrap_err(), Reject::UnknownRules);
     assert_eq!(reader.named(0, N).unwrap_err(), Reject::UnknownRules);
     let fewer = BoxCount::new(N.get() - 1);
     assert_eq!(reader.named(7, fewer).unwrap_err(), Reject::UnknownRules);
-    reader.read(&place, N, &pages).unwrap();
+    reader.read(&position, N, &pages).unwrap();
     assert_eq!(reader.named(7, N).unwrap_err(), Reject::UnknownRules, "sent without a number");
-    reader.read_named(&place, 9, N, &pages).unwrap();
+    reader.read_named(&position, 9, N, &pages).unwrap();
     reader.give_back();
     assert_eq!(reader.named(9, N).unwrap_err(), Reject::UnknownRules);
     assert_eq!(Reject::UnknownRules.status() as u32, 13);
 
     let named = CullRequest { rules: None, rules_number: 7, ..with_rules };
     let header = RequestHeader::cull(1, 2, &named);
-    assert_eq!(header.sections[1], Section::required(SectionKind::KeptRules, 0, 0));
+    assert_eq!(header.sections[1], Section::required(SectionKind::CachedRules, 0, 0));
     assert_eq!(header.revision, 7);
     assert_eq!(Request::parse(&header, payload_bytes), Ok(Request::Cull(named)));
     let refused = |change: &dyn Fn(&mut RequestHeader)| {
@@ -250,7 +253,7 @@ fn world_ranges_are_read_as_they_were_written_and_forged_ones_are_refused() {
     assert_eq!(world_ranges_in(&header, &shape, &words).unwrap(), []);
     write_world_ranges(&ranges, &mut words[10..10 + WORLD_RANGE_WORDS * 3]);
     assert_eq!(words[10..13], [(-9i32).cast_unsigned(), 2, 0]);
-    header.place_world_ranges(Span { start: 10, len: 9 });
+    header.put_world_ranges(Span { start: 10, len: 9 });
     assert_eq!(header.sections[1], Section::required(SectionKind::WorldRanges, 40, 36));
     assert_eq!(world_ranges_in(&header, &shape, &words).unwrap(), ranges);
     let fields = ReplyFields { client_token: 1, frame: 2, box_count: N };
@@ -275,12 +278,12 @@ fn world_ranges_are_read_as_they_were_written_and_forged_ones_are_refused() {
         });
         assert!(refused(&header, &shape, &words), "{offset} {bytes}");
     }
-    let doubled = forged(header, |h| h.place_world_ranges(Span { start: 10, len: 9 }));
+    let doubled = forged(header, |h| h.put_world_ranges(Span { start: 10, len: 9 }));
     assert!(refused(&doubled, &shape, &words));
 }
 
 proptest! {
-    /// Whatever a request holds, it is refused or its rules decide of every pair of its boxes.
+    /// Regardless of what a request holds, it is refused or its rules decide of every pair of its boxes.
     #[test]
     fn any_rules_are_refused_or_read(
         in_header in prop::collection::vec((8usize..68, any::<u32>(), 0u32..32), 0..4),
@@ -289,22 +292,22 @@ proptest! {
     ) {
         let (mut header, mut pages) = sent(&rules(), N, BoxForm::F16);
         let words: &mut [u32] = cast_slice_mut(bytemuck::bytes_of_mut(&mut header));
-        for (place, value, shift) in in_header {
-            words[place] = value >> shift;
+        for (position, value, shift) in in_header {
+            words[position] = value >> shift;
         }
         let words: &mut [u32] = cast_slice_mut(&mut pages);
-        for (place, value, shift) in in_payload {
-            words[place] = value >> shift;
+        for (position, value, shift) in in_payload {
+            words[position] = value >> shift;
         }
         pages.truncate(pages.len() - cut);
         let mut reader = RulesReader::default();
         if let Ok(Request::Cull(request)) = Request::parse(&header, size_of_val(&pages[..]) as u64)
-            && let Some(place) = request.rules
+            && let Some(position) = request.rules
         {
             let n = request.scene.count;
             prop_assert!(n.get() < 1 << 20);
-            if let Ok(sent) = reader.read(&place, n, &pages) {
-                prop_assert!(sent.rules().tags.len() <= n.len());
+            if let Ok(sent) = reader.read(&position, n, &pages) {
+                prop_assert!(sent.rules().filter_data.len() <= n.len());
                 let listed = sent.rules().lists.included().chain(sent.rules().lists.excluded());
                 prop_assert!(listed.flatten().all(|index| index < n.get()));
                 prop_assert!(sent.most_worlds() <= u64::from(n.get()));
@@ -317,7 +320,7 @@ proptest! {
         }
     }
 
-    /// Whatever a response holds, its ranges stand side by side in the list, or it is refused.
+    /// Regardless of what a response holds, its ranges stand side by side in the list, or it is refused.
     #[test]
     fn any_world_ranges_are_refused_or_side_by_side(
         section in (any::<u32>(), any::<u64>(), any::<u64>(), 0u32..64),
@@ -326,7 +329,7 @@ proptest! {
     ) {
         let (mut header, shape) = answer(pairs);
         let (kind, offset, bytes, shift) = section;
-        header.place_world_ranges(Span { start: 0, len: words.len() as u64 / 3 * 3 });
+        header.put_world_ranges(Span { start: 0, len: words.len() as u64 / 3 * 3 });
         if shift < 32 {
             header.sections[1] = Section {
                 kind: if shift < 16 { kind } else { SectionKind::WorldRanges as u32 },

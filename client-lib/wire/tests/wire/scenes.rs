@@ -4,9 +4,9 @@
 use pairmask_core::Aabb;
 use pairmask_core::dispatch::StageTimes;
 use pairmask_core::engine::{EngineChoice, EngineId, EngineName};
-use pairmask_core::filters::{Filter, FilterId, FilterTable, Owner, Tag, World};
+use pairmask_core::filters::{Filter, FilterData, FilterId, FilterTable, Owner, World};
 use pairmask_core::scene::{
-    Edit, EndReason, Ended, Indices, Report, Scene, SceneOptions, Sets, Step, Tags,
+    Edit, EndReason, Ended, FilterDataSets, Indices, Report, Scene, SceneOptions, Sets, Step,
 };
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
@@ -51,7 +51,7 @@ fn done(steps: &[Step<'_>]) -> Vec<(u8, u64, Option<[u8; 24]>)> {
         let (does, indices, boxes): (u8, &Indices<'_>, &[Aabb]) = match step {
             Step::Remove(indices) => (0, indices, &[]),
             Step::Set(Sets { indices, boxes }) => (1, indices, boxes),
-            Step::Switch(indices, on) => (2 + u8::from(*on), indices, &[]),
+            Step::Enable(indices, on) => (2 + u8::from(*on), indices, &[]),
             Step::Static(indices, on) => (4 + u8::from(*on), indices, &[]),
             _ => unreachable!("no other step"),
         };
@@ -123,8 +123,8 @@ fn an_edit_is_read_as_it_was_written() {
         set(Indices::List(&[])),
         Step::Remove(Indices::List(&dense)),
         Step::Remove((0..3).into()),
-        Step::Switch(Indices::Mask { first: 1, words: &words }, true),
-        Step::Switch(Indices::List(&[4]), false),
+        Step::Enable(Indices::Mask { first: 1, words: &words }, true),
+        Step::Enable(Indices::List(&[4]), false),
         Step::Static((8..9).into(), true),
         Step::Static(Indices::List(&sparse), false),
     ];
@@ -157,9 +157,12 @@ fn table() -> FilterTable {
 #[test]
 fn golden_rules() {
     let table = table();
-    let tags = [Tag::new(World(-1), Owner(9), FilterId(1)).with_static(true), Tag::default()];
+    let filter_data = [
+        FilterData::new(World(-1), Owner(9), FilterId(1)).with_static(true),
+        FilterData::default(),
+    ];
     let steps = [
-        Step::Tag(Tags { indices: (&[9, 4]).into(), tags: &tags }),
+        Step::FilterData(FilterDataSets { indices: (&[9, 4]).into(), filter_data: &filter_data }),
         Step::Filters(&table),
         Step::Include(&[[1, 2]], true),
         Step::Exclude(&[[5, 3]], false),
@@ -168,7 +171,7 @@ fn golden_rules() {
     let words: &[u32] = bytemuck::cast_slice(&payload);
     let all = u32::MAX;
     let expected = [
-        // The indices of the tags, and the tags.
+        // The indices of the filter data, and the filter data.
         &[9, 4, all, 9, 1 | 1 << 16, 0, 0, 0][..],
         // The filters.
         &[1, (-7i32).cast_unsigned(), 2, 1 << 8, 3, 0, 2, 0, all, all, all, all],
@@ -194,9 +197,9 @@ fn forged_rules_are_refused() {
     let refused = scratch.read(&request(&layout, 10), &payload).map(drop);
     assert_eq!(refused, Err(Reject::Edit("filters")));
 
-    let tags = [Tag::default(); 3];
+    let filter_data = [FilterData::default(); 3];
     let steps = [
-        Step::Tag(Tags { indices: (0..3).into(), tags: &tags }),
+        Step::FilterData(FilterDataSets { indices: (0..3).into(), filter_data: &filter_data }),
         Step::Include(&[[0, 1]], true),
         Step::Filters(&table),
     ];
@@ -251,17 +254,17 @@ fn forged_edits_are_refused() {
     // Records that reach beyond what there is.
     let request = request(&layout, 10);
     let record = layout.sections()[1].offset as usize / 4;
-    let is_refused = |place: usize, value: u32| {
+    let is_refused = |slot: usize, value: u32| {
         let mut payload = payload.clone();
-        bytemuck::cast_slice_mut::<Page, u32>(&mut payload)[record + place] = value;
+        bytemuck::cast_slice_mut::<Page, u32>(&mut payload)[record + slot] = value;
         EditScratch::default().read(&request, &payload).map(|steps| done(&steps)).is_err()
     };
     let (long, last) = (1 << 31, u32::MAX);
     let of_fields: [(usize, &[u32]); 5] =
         [(0, &[0, 7]), (1, &[0, 4]), (3, &[3, long]), (4, &[1, last]), (5, &[1, last])];
-    let fields = of_fields.iter().flat_map(|(place, values)| values.iter().map(|v| (*place, *v)));
-    for (place, value) in fields {
-        assert!(is_refused(place, value), "field {place} as {value}");
+    let fields = of_fields.iter().flat_map(|(slot, values)| values.iter().map(|v| (*slot, *v)));
+    for (slot, value) in fields {
+        assert!(is_refused(slot, value), "field {slot} as {value}");
     }
     assert!(!is_refused(2, 7), "a list has no first index");
     // More indices than any edit of such a scene names.
@@ -275,7 +278,7 @@ fn forged_edits_are_refused() {
 
 const ASKED: ReplyFields = ReplyFields { client_token: 3, frame: 4, box_count: BoxCount::new(2) };
 
-/// A scene that has told of pairs that began and ended, and its answer.
+/// A scene that has reported of pairs that began and ended, and its answer.
 fn answer(report: Report) -> (Scene, ResponseHeader, Vec<u32>) {
     let mut scene = Scene::new(SceneOptions::default());
     let row: Vec<Aabb> = (0..6).map(|i| at(0.7 * i as f32)).collect();
@@ -285,7 +288,7 @@ fn answer(report: Report) -> (Scene, ResponseHeader, Vec<u32>) {
     let steps = [
         Step::Set(Sets { indices: (0..1).into(), boxes: &row[3..4] }),
         Step::Remove((5..6).into()),
-        Step::Switch((1..2).into(), false),
+        Step::Enable((1..2).into(), false),
     ];
     scene.edit(Edit { steps: &steps }, report).unwrap();
     let layout = SceneAnswerLayout::of(scene.reported());
@@ -352,7 +355,7 @@ fn reasons_that_are_unknown_are_passed_over() {
 }
 
 proptest! {
-    /// Whatever a client writes, an edit is refused, or names only what is there.
+    /// Regardless of what a client writes, an edit is refused, or names only what is there.
     #[test]
     fn arbitrary_records_are_refused_or_stay_within_the_payload(
         seed in proptest::collection::vec(any::<u32>(), 64),
@@ -386,9 +389,9 @@ proptest! {
                     assert_eq!(indices.len(), boxes.len());
                     indices.len()
                 }
-                Step::Remove(i) | Step::Switch(i, _) | Step::Static(i, _) => i.len(),
-                Step::Tag(Tags { indices, tags }) => {
-                    assert_eq!(indices.len(), tags.len());
+                Step::Remove(i) | Step::Enable(i, _) | Step::Static(i, _) => i.len(),
+                Step::FilterData(FilterDataSets { indices, filter_data }) => {
+                    assert_eq!(indices.len(), filter_data.len());
                     indices.len()
                 }
                 _ => 0,

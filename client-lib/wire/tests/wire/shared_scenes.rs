@@ -6,17 +6,19 @@ use std::time::Duration;
 use pairmask_core::Aabb;
 use pairmask_core::dispatch::StageTimes;
 use pairmask_core::engine::{EngineChoice, EngineName};
-use pairmask_core::filters::{FilterId, Owner, Tag, World};
+use pairmask_core::filters::{FilterData, FilterId, Owner, World};
 use pairmask_core::mask::Encoding;
 use pairmask_core::precision::BoxForm;
 use pairmask_core::scene::shared::{AtEnd, Scope};
-use pairmask_core::scene::{Edit, QueryMask, QueryTags, Report, Scene, SceneOptions, Sets, Step};
+use pairmask_core::scene::{
+    Edit, QueryFilterData, QueryMask, Report, Scene, SceneOptions, Sets, Step,
+};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
     AgreedTerms, CullRequest, JoinRequest, LeaseAction, LeaseRequest, Page, QueryRequest,
     ReplyFields, Request, RequestHeader, ResponseHeader, SceneAnswerLayout, SceneId, SceneName,
-    ScenePlace, SceneRequest, SharedTerms, TickMarks, parse_joined, parse_leased, response_joined,
-    response_leased, response_scene,
+    SceneRequest, SceneSections, SharedTerms, TickMarks, parse_joined, parse_leased,
+    response_joined, response_leased, response_scene,
 };
 
 use crate::scenes::{self, written};
@@ -66,16 +68,16 @@ impl Fields {
 #[test]
 fn golden_query() {
     let queries = [at(0.0), at(2.0), at(4.0)];
-    let tag = Tag::new(World(-1), Owner(9), FilterId(1)).with_static(true);
-    let tags = [tag, Tag::default(), tag];
+    let first = FilterData::new(World(-1), Owner(9), FilterId(1)).with_static(true);
+    let each = [first, FilterData::default(), first];
     let mask = QueryMask::new(3, 100).unwrap();
-    // One tag for all of the queries begins on a cache line, and so do tags for each.
-    for (tags, section, revision) in [
-        (QueryTags::None, None, Some(7)),
-        (QueryTags::One(tag), Some((23, 128, 12)), Some(u64::MAX)),
-        (QueryTags::Each(&tags), Some((23, 128, 36)), None),
+    // One entry of filter data for all of the queries begins on a cache line, and so do filter data for each.
+    for (filter_data, section, revision) in [
+        (QueryFilterData::None, None, Some(7)),
+        (QueryFilterData::One(first), Some((23, 128, 12)), Some(u64::MAX)),
+        (QueryFilterData::Each(&each), Some((23, 128, 36)), None),
     ] {
-        let request = QueryRequest::new(SceneId(5), revision, mask, Encoding::List, &tags);
+        let request = QueryRequest::new(SceneId(5), revision, mask, Encoding::List, &filter_data);
         let header = RequestHeader::query_scene(TOKEN, FRAME, &request);
         let sections = [(1, 0, 72)].into_iter().chain(section).collect();
         let fields = Fields {
@@ -87,9 +89,9 @@ fn golden_query() {
             base: revision.unwrap_or(0),
             ..Fields::default()
         };
-        assert_eq!(bytemuck::bytes_of(&header), fields.bytes(), "{tags:?}");
+        assert_eq!(bytemuck::bytes_of(&header), fields.bytes(), "{filter_data:?}");
         let mut payload = pages(request.payload_bytes());
-        assert!(request.write(&queries, &tags, &mut payload));
+        assert!(request.write(&queries, &filter_data, &mut payload));
         let words: &[u32] = bytemuck::cast_slice(&payload);
         assert_eq!(words[..18], *bytemuck::cast_slice::<Aabb, u32>(&queries));
         if section.is_some() {
@@ -97,14 +99,14 @@ fn golden_query() {
         }
         let parsed = Request::parse(&header, size_of_val(&payload[..]) as u64);
         assert_eq!(parsed, Ok(Request::QueryScene(request)));
-        assert_eq!(request.read(&payload), Some((&queries[..], tags)));
+        assert_eq!(request.read(&payload), Some((&queries[..], filter_data)));
     }
 }
 
 #[test]
 fn golden_cull_between() {
-    let place = ScenePlace::first(BoxForm::F32, BoxCount::new(100));
-    let request = CullRequest { first_set: Some(BoxCount::new(40)), ..CullRequest::of(place) };
+    let slot = SceneSections::first(BoxForm::F32, BoxCount::new(100));
+    let request = CullRequest { first_set: Some(BoxCount::new(40)), ..CullRequest::of(slot) };
     let header = RequestHeader::cull(TOKEN, FRAME, &request);
     let fields = Fields {
         operation: 6,

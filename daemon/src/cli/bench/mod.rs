@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 use self::report::LatencyReport;
 use super::daemon_cpu::{DaemonCpu, own_cpu};
 use super::machine::Machine;
-use super::options::{CullFlags, DaemonOptions, Place};
+use super::options::{CommonOptions, CullFlags, DaemonOptions};
 use super::output::{print_json, print_text, progress_bar, spinner};
 use super::program::{Result, WrongUsage};
 use super::raw_objects::RawBoxes;
@@ -116,7 +116,7 @@ pub enum Wait {
     Spin,
     /// Both sleep without spinning, and are woken
     Event,
-    /// As `serve` and sessions do unless told otherwise
+    /// As `serve` and sessions do unless set otherwise
     Serve,
 }
 
@@ -137,20 +137,21 @@ impl fmt::Display for Wait {
 }
 
 impl Latency {
-    pub fn run(&self, place: &Place) -> Result {
-        let is_alone = self.frames_of.options.backend(place, Backend::Daemon) == Backend::InProcess;
+    pub fn run(&self, common: &CommonOptions) -> Result {
+        let is_alone =
+            self.frames_of.options.backend(common, Backend::Daemon) == Backend::InProcess;
         if self.pin && is_alone {
             let what =
                 "--pin keeps a daemon on a core of its own: leave it out with --backend in-process";
             return Err(WrongUsage(what.to_owned()).into());
         }
         let machine = Machine::this();
-        let report = LatencyReport { machine, rows: self.rows(place)? };
+        let report = LatencyReport { machine, rows: self.rows(common)? };
         if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
         Ok(())
     }
 
-    fn rows(&self, place: &Place) -> Result<Vec<LatencyRow>> {
+    fn rows(&self, common: &CommonOptions) -> Result<Vec<LatencyRow>> {
         let making = spinner("making scenes");
         let scenes = self.scenes()?;
         making.finish_and_clear();
@@ -164,13 +165,13 @@ impl Latency {
                 cores.unpin()?;
             }
             let FramesOf { options, daemon, .. } = &self.frames_of;
-            let target = Target::new(options, daemon, wait.spin(), 1, place)?;
+            let target = Target::new(options, daemon, wait.spin(), 1, common)?;
             if let Some(cores) = &cores {
                 cores.pin(&target.dir, &target.instance)?;
             }
             for scene in &scenes {
                 for precision in &self.frames_of.precision {
-                    let session = target.session(options.session(place), wait.spin());
+                    let session = target.session(options.session(common), wait.spin());
                     let (scene, cpu) = (scene.clone(), target.cpu());
                     let row = self.row(scene, *precision, *wait, &decoding, session, cpu.as_ref());
                     rows.push(row?);
@@ -204,7 +205,8 @@ impl Latency {
     ) -> Result<LatencyRow> {
         let n = u32::try_from(scene.boxes().len()).unwrap_or(u32::MAX);
         let decode_threads = self.frames_of.decode_threads.get();
-        let session = session.capacity(BoxCount::new(n)).visit_threads(decode_threads).connect()?;
+        let session =
+            session.capacity(BoxCount::new(n)).iterate_threads(decode_threads).connect()?;
         let mut client = TimedClient::new(session, precision, scene.boxes());
         // Before the first recorded frame memory is touched, estimates settle, clocks rise.
         let warm_up = self.warm_up.unwrap_or_else(|| (self.frames.get() / 5).max(20));

@@ -15,7 +15,7 @@ use pairmask_core::{Aabb, Bounds, MaskView, Sphere};
 use rayon::slice::ParallelSliceMut;
 
 use self::report::{Timings, explanation, plan, report};
-use super::options::{CullFlags, DaemonOptions, Place};
+use super::options::{CommonOptions, CullFlags, DaemonOptions};
 use super::output::{is_stdout, print_aside, print_json, print_text, spinner, write_file};
 use super::program::{Result, WrongUsage};
 use super::raw_objects::{RawBoxes, RawObject, RawObjects};
@@ -81,36 +81,36 @@ enum Shape {
 }
 
 impl Cull {
-    pub fn run(&self, place: &Place) -> Result {
+    pub fn run(&self, common: &CommonOptions) -> Result {
         self.check().map_err(WrongUsage)?;
         match self.shape {
             Shape::Boxes => {
-                self.run_with(RawObjects::open(&self.file)?, place, |boxes, session| {
+                self.run_with(RawObjects::open(&self.file)?, common, |boxes, session| {
                     let planner = self.explain.then(|| {
-                        let (options, isa) = (self.options.cull_options(place), place.isa());
+                        let (options, isa) = (self.options.cull_options(common), common.isa());
                         move |boxes: &[Aabb]| plan(boxes, &options, isa)
                     });
                     ask_boxes(session, boxes, self.precision, planner)
                 })
             }
-            Shape::Spheres => self.run_with(RawObjects::open(&self.file)?, place, ask_spheres),
+            Shape::Spheres => self.run_with(RawObjects::open(&self.file)?, common, ask_spheres),
         }
     }
 
     fn run_with<T: RawObject>(
         &self,
         objects: RawObjects<T>,
-        place: &Place,
+        common: &CommonOptions,
         ask: impl FnOnce(RawObjects<T>, &mut Session) -> Result<Asked>,
     ) -> Result {
         let progress = spinner(&format!("{} {}", objects.count(), T::PLURAL));
-        let spawn = || PrivateDaemon::start_self(&self.daemon.private(place));
+        let spawn = || PrivateDaemon::start_self(&self.daemon.private(common));
         let daemon = self.spawn.then(spawn).transpose()?;
-        let mut session = self.connect(daemon.as_ref(), place)?;
+        let mut session = self.connect(daemon.as_ref(), common)?;
         let Asked { times, frame, planned, look, world } = ask(objects, &mut session)?;
         let (mask, timings) = answer(frame, times)?;
 
-        let explain = planned.map(|plan| explanation(&plan, place.isa(), &mask, timings.decode));
+        let explain = planned.map(|plan| explanation(&plan, common.isa(), &mask, timings.decode));
         let (are_boxes, census) = (self.shape == Shape::Boxes, &mask.info().census);
         let warnings = Vec::from_iter(look.warning(are_boxes, mask.n().get(), census));
         let report = report(&mask, self.precision, &world, &timings, explain, &warnings);
@@ -162,14 +162,14 @@ impl Cull {
     fn connect(
         &self,
         daemon: Option<&PrivateDaemon>,
-        place: &Place,
+        common: &CommonOptions,
     ) -> Result<Session, ConnectError> {
-        let builder = self.options.session(place).deadline(DEADLINE);
+        let builder = self.options.session(common).deadline(DEADLINE);
         let (dir, instance, backend) = if let Some(daemon) = daemon {
             (daemon.dir(), daemon.instance(), Backend::Daemon)
         } else {
-            let backend = self.options.backend(place, Backend::Auto);
-            (place.runtime_dir(), place.instance(), backend)
+            let backend = self.options.backend(common, Backend::Auto);
+            (common.runtime_dir(), common.instance(), backend)
         };
         builder.runtime_dir(dir).instance(instance.as_str()).backend(backend).connect()
     }

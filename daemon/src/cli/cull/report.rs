@@ -141,7 +141,7 @@ pub fn explanation(plan: &Plan, isa: AvailableIsa, mask: &PairMask, decode: Dura
         "stats": {
             "boxes": stats.n.get(),
             "looked_at": stats.is_looked_at,
-            "solid_share": stats.solid_share,
+            "valid_share": stats.valid_share,
             "median_size": stats.median_size,
             "large_size": stats.large_size,
             "window_share": stats.window_share,

@@ -14,7 +14,7 @@ use pairmask_core::oracle::check::check_pairs;
 use pairmask_core::oracle::truth;
 
 use self::display::Display;
-use super::options::{DaemonOptions, Place};
+use super::options::{CommonOptions, DaemonOptions};
 use super::program::Result;
 use super::whole_number::whole_number;
 use crate::scene::{Scene, SceneName};
@@ -46,14 +46,14 @@ pub struct Demo {
 }
 
 impl Demo {
-    pub fn run(&self, place: &Place) -> Result {
+    pub fn run(&self, common: &CommonOptions) -> Result {
         // By Ctrl-C and SIGTERM it ends early, with its summary.
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
             signal_hook::flag::register(signal, Arc::clone(&stop))
                 .map_err(|error| format!("installing signal handlers: {error}"))?;
         }
-        let daemon = PrivateDaemon::start_self(&self.daemon.private(place))?;
+        let daemon = PrivateDaemon::start_self(&self.daemon.private(common))?;
         // It falls back to this process if the daemon is killed.
         let mut session = daemon.session().backend(Backend::Auto).connect()?;
         let mut scene = Scene::new(SceneName::Cubes, self.boxes.get() as usize, 1);

@@ -1,6 +1,6 @@
 //! Scenes that the daemon keeps for its clients, from edit to edit.
 //!
-//! A scene belongs to a session. A client sends again what was forgotten.
+//! A scene belongs to a session. A client sends again what was dropped.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -9,7 +9,7 @@ use pairmask_core::scene::Edit;
 use pairmask_wire::{EditScratch, SceneId};
 
 use crate::audit::AuditedScene;
-use crate::execute::SceneKeeper;
+use crate::execute::SceneHost;
 
 /// Bytes that a scene takes for each index, whether it has a box or not.
 const BYTES_AN_INDEX: u64 = 25;
@@ -18,15 +18,15 @@ const BYTES_A_BOX: u64 = 275;
 /// Bytes that it takes for each box on each GPU beside the first one that has it, at the most: records, and the grid
 /// of a search among all.
 const BYTES_ON_A_FURTHER_GPU: u64 = 200;
-/// Bytes that rules take for each index on top, where there are any: its tag.
-const BYTES_A_TAG: u64 = 12;
+/// Bytes that rules take for each index on top, where there are any: its filter data.
+const BYTES_A_FILTER_DATA: u64 = 12;
 /// Bytes that any scene takes: without them, empty ones would be free.
 const BYTES_A_SCENE: u64 = 64 << 10;
 
-pub(crate) struct KeptScene {
+pub(crate) struct SessionScene {
     pub(crate) id: SceneId,
     pub(crate) revision: u64,
-    pub(crate) scene: SceneKeeper,
+    pub(crate) scene: SceneHost,
     pub(crate) scratch: EditScratch,
     /// Memory for what queries find, kept so that it is not mapped for each anew.
     pub(crate) found: Vec<[u32; 2]>,
@@ -57,7 +57,7 @@ impl SceneRoom {
     /// Makes room for an edit that is applied with others, so many bytes being kept `beside` it.
     pub(crate) fn make(
         &mut self,
-        scene: &mut SceneKeeper,
+        scene: &mut SceneHost,
         edit: Edit<'_>,
         others: PendingBoxes,
         beside: u64,
@@ -68,7 +68,9 @@ impl SceneRoom {
         let boxes = (scene.len() as u64 + set).min(indices);
         let filters = scene.filters();
         let rules = if filters.is_used() || edit.has_rules() {
-            filters.allocated_bytes() as u64 + BYTES_A_TAG * indices + edit.rule_bytes() as u64
+            filters.allocated_bytes() as u64
+                + BYTES_A_FILTER_DATA * indices
+                + edit.rule_bytes() as u64
         } else {
             0
         };
@@ -84,7 +86,7 @@ impl SceneRoom {
     }
 
     /// Notes what the scene takes by now, where so many bytes are kept beside it.
-    pub(crate) fn note(&mut self, scene: &SceneKeeper, beside: u64) {
+    pub(crate) fn note(&mut self, scene: &SceneHost, beside: u64) {
         let scene_bytes = scene.bytes();
         self.set(BYTES_A_SCENE + scene_bytes + beside);
     }

@@ -57,15 +57,15 @@ pub fn compute_alike(one: &AdapterInfo, other: &AdapterInfo) -> bool {
 
 /// Place in `adapters` of the one that `choice` means. Pure, so that it is tested without a GPU.
 pub fn choose(choice: &GpuChoice, adapters: &[AdapterInfo]) -> Option<usize> {
-    let places = || adapters.iter().enumerate();
+    let slots = || adapters.iter().enumerate();
     match choice {
         GpuChoice::None => None,
         GpuChoice::Auto => best_of_kind(adapters).next(),
-        GpuChoice::Software => places().find(|(_, a)| is_software(a)).map(|(place, _)| place),
+        GpuChoice::Software => slots().find(|(_, a)| is_software(a)).map(|(put, _)| put),
         GpuChoice::Index(index) => (*index < adapters.len()).then_some(*index),
-        GpuChoice::Name(name) => places()
+        GpuChoice::Name(name) => slots()
             .find(|(_, a)| a.name.contains(name.as_str()) || a.device_pci_bus_id == *name)
-            .map(|(place, _)| place),
+            .map(|(put, _)| put),
     }
 }
 
@@ -78,7 +78,7 @@ pub(super) fn best_of_kind(adapters: &[AdapterInfo]) -> impl Iterator<Item = usi
         DeviceType::DiscreteGpu => 3,
     };
     let best = adapters.iter().map(rank).max().filter(|rank| *rank > 0);
-    (0..adapters.len()).filter(move |place| Some(rank(&adapters[*place])) == best)
+    (0..adapters.len()).filter(move |put| Some(rank(&adapters[*put])) == best)
 }
 
 /// Asks the Vulkan loader; empty without one.
@@ -98,7 +98,7 @@ pub(super) fn find_adapter(choice: &GpuChoice) -> Result<wgpu::Adapter, OpenErro
     let mut adapters = find_adapters();
     let infos: Vec<_> = adapters.iter().map(wgpu::Adapter::get_info).collect();
     match choose(choice, &infos) {
-        Some(place) => Ok(adapters.swap_remove(place)),
+        Some(put) => Ok(adapters.swap_remove(put)),
         None => Err(OpenError::NoAdapter {
             choice: choice.clone(),
             available: infos.into_iter().map(|a| a.name).collect(),
@@ -183,8 +183,8 @@ impl GpuChoices {
 /// A choice for each adapter of the best kind; `auto` where there is none, which says so. By PCI address
 /// where they have one: places in the list may change while one is away.
 fn all_of(adapters: &[AdapterInfo]) -> Vec<GpuChoice> {
-    let choice = |place: usize| match &adapters[place].device_pci_bus_id {
-        address if address.is_empty() => GpuChoice::Index(place),
+    let choice = |put: usize| match &adapters[put].device_pci_bus_id {
+        address if address.is_empty() => GpuChoice::Index(put),
         address => GpuChoice::Name(address.clone()),
     };
     let all: Vec<GpuChoice> = best_of_kind(adapters).map(choice).collect();

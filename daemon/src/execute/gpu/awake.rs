@@ -11,15 +11,15 @@ use pairmask_shaders::layouts::AwakeParams;
 
 use super::{Block, Checks, Command, Frame, Gpu, GpuError, Home, Part, Pipelines, QueueRole};
 
-/// How long the clocks are kept up after a frame, unless told otherwise: a client of four frames a
-/// second finds them up, and one that is gone costs nothing a moment later.
+/// How long the clocks are kept up after a frame, unless set otherwise: a client of four frames a
+/// second finds them up, and one that no longer exists costs nothing a moment later.
 pub const DEFAULT_HOLD: Duration = Duration::from_millis(250);
 
 /// Steps of a dispatch: 0.6 ms on an H200. Shorter ones wake their thread more often, longer ones
 /// delay its end.
 const ROUNDS: u32 = 100_000;
 /// How long a dispatch may take before the device counts as hung.
-const PATIENCE: Duration = Duration::from_secs(10);
+const TIMEOUT: Duration = Duration::from_secs(10);
 
 /// What the serving thread and the one that submits share.
 struct Shared {
@@ -121,7 +121,7 @@ fn keep_awake(mut frame: Frame, shared: &Shared) {
     while !has_stopped() {
         if shared.now_us() >= shared.until_us.load(Ordering::Relaxed) {
             std::thread::park();
-        } else if let Err(error) = frame.run(PATIENCE) {
+        } else if let Err(error) = frame.run(TIMEOUT) {
             // A lost device is reported elsewhere; the next one gets a thread of its own.
             log::debug!("the GPU is not kept awake any more: {error}");
             break;
@@ -129,7 +129,7 @@ fn keep_awake(mut frame: Frame, shared: &Shared) {
             shared.dispatches.fetch_add(1, Ordering::Relaxed);
         }
     }
-    // The last one to have a lost device destroys it. Whoever that is must not end meanwhile.
+    // The last one to have a lost device destroys it. That one must not end meanwhile.
     drop(frame);
     while !has_stopped() || shared.stays.load(Ordering::Relaxed) {
         std::thread::park();

@@ -1,6 +1,6 @@
 //! The opened device: raw Vulkan handles beside the wgpu device that owns them.
 //!
-//! wgpu lists the adapters, opens the device and tells of its loss. Frames are recorded and
+//! wgpu lists the adapters, opens the device and reports its loss. Frames are recorded and
 //! submitted through `ash`: a frame recorded once and submitted many times takes half the time of
 //! one that wgpu records anew (15 µs against 29 on an H200).
 #![allow(unsafe_code)]
@@ -299,8 +299,8 @@ const MAPPED_VIDEO: vk::MemoryPropertyFlags = vk::MemoryPropertyFlags::from_raw(
 /// The families of [`QueueRole::Upload`] and [`QueueRole::Awake`], where there are such.
 fn side_families(families: &[vk::QueueFamilyProperties]) -> [Option<u32>; ROLES - 1] {
     use vk::QueueFlags as Flags;
-    let find = |wanted: Flags, unwanted: Flags| {
-        let fits = |flags: Flags| flags.contains(wanted) && !flags.intersects(unwanted);
+    let find = |requested: Flags, unwanted: Flags| {
+        let fits = |flags: Flags| flags.contains(requested) && !flags.intersects(unwanted);
         families.iter().zip(0u32..).find(|(f, _)| fits(f.queue_flags)).map(|(_, index)| index)
     };
     let special = Flags::VIDEO_DECODE_KHR | Flags::VIDEO_ENCODE_KHR | Flags::OPTICAL_FLOW_NV;

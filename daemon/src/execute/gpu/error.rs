@@ -8,7 +8,7 @@ use super::GpuChoice;
 
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
-    #[error("GPUs are switched off (--gpu none)")]
+    #[error("GPUs are disabled (--gpu none)")]
     SwitchedOff,
     #[error("no GPU fits '{choice}'; there are: {}", list(.available))]
     NoAdapter { choice: GpuChoice, available: Vec<String> },
@@ -28,7 +28,7 @@ fn list(names: &[String]) -> String {
 
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum GpuError {
-    /// The device is gone: everything made on it is void, and a new one must be opened.
+    /// The device is lost: everything made on it is void, and a new one must be opened.
     #[error("the GPU device was lost")]
     Lost,
     /// A frame did not end in time. The device may still write to memory that it was given.

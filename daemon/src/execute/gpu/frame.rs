@@ -73,7 +73,7 @@ pub const MAX_STEPS: usize = 40;
 
 /// How long a frame that failed, or one that is run once, may take to end. A driver resets a device that hangs within seconds;
 /// what it does not end by then it never does.
-const LAST_PATIENCE: Duration = Duration::from_secs(10);
+const LAST_TIMEOUT: Duration = Duration::from_secs(10);
 
 const MAX_BINDINGS: u32 = 9;
 
@@ -209,7 +209,7 @@ impl Frame {
     pub(super) fn run_once(gpu: &Arc<Gpu>, steps: Vec<Command>) -> Result<(), GpuError> {
         let mut frame = Self::new(gpu, false)?;
         frame.record(steps)?;
-        frame.run(LAST_PATIENCE)
+        frame.run(LAST_TIMEOUT)
     }
 
     pub(super) fn fill<'a>(
@@ -221,8 +221,8 @@ impl Frame {
         Self::run_once(gpu, blocks.into_iter().map(fill).collect())
     }
 
-    /// Forgets the steps of a frame that is recorded anew before the next submission.
-    pub(super) fn forget_steps(&mut self) {
+    /// Drops the steps of a frame that is recorded anew before the next submission.
+    pub(super) fn discard_steps(&mut self) {
         if !self.pending {
             self.steps.clear();
         }
@@ -319,13 +319,13 @@ impl Frame {
         Ok(())
     }
 
-    /// Submits the frame and waits for its end, `patience` at most ([`GpuError::Hung`]).
+    /// Submits the frame and waits for its end, `timeout` at most ([`GpuError::Hung`]).
     ///
     /// # Panics
     /// While it is under way.
-    pub fn run(&mut self, patience: Duration) -> Result<(), GpuError> {
+    pub fn run(&mut self, timeout: Duration) -> Result<(), GpuError> {
         self.submit_in(Order::default())?;
-        self.end(patience)
+        self.end(timeout)
     }
 
     /// Submits the frame before or after one of another queue. Nothing that it uses may be touched until
@@ -350,13 +350,13 @@ impl Frame {
         !self.pending || unsafe { self.gpu.raw.get_fence_status(self.fence) } != Ok(false)
     }
 
-    /// Waits for the end of a submitted frame, `patience` at most.
+    /// Waits for the end of a submitted frame, `timeout` at most.
     ///
-    /// Where the wait fails, the frame is given [`LAST_PATIENCE`] more: a device that was given up
+    /// Where the wait fails, the frame is given [`LAST_TIMEOUT`] more: a device that was given up
     /// while it works must not write into memory that its owner takes back. One that does not end
     /// even then stays pending, for ever.
-    pub(super) fn end(&mut self, patience: Duration) -> Result<(), GpuError> {
-        match self.wait(patience) {
+    pub(super) fn end(&mut self, timeout: Duration) -> Result<(), GpuError> {
+        match self.wait(timeout) {
             Ok(()) => {
                 self.pending = false;
                 self.gpu.health().check()
@@ -370,7 +370,7 @@ impl Frame {
 
     /// Asks again and again: 15 µs less than sleeping, for the price of a core meanwhile. Software adapters need the
     /// core, and nobody waits for what keeps the clocks up.
-    fn wait(&self, patience: Duration) -> Result<(), GpuError> {
+    fn wait(&self, timeout: Duration) -> Result<(), GpuError> {
         let raw = &self.gpu.raw;
         let sleeps = self.gpu.is_software() || self.role == QueueRole::Awake;
         let start = Instant::now();
@@ -398,19 +398,19 @@ impl Frame {
                 return Ok(());
             }
             self.gpu.health().check()?;
-            if start.elapsed() > patience {
+            if start.elapsed() > timeout {
                 return Err(GpuError::Hung);
             }
         }
     }
 
-    /// Waits for a frame whose answer is not wanted any more, [`LAST_PATIENCE`] at most. Whether the
+    /// Waits for a frame whose answer is not needed any more, [`LAST_TIMEOUT`] at most. Whether the
     /// device is done with it, so that it may be submitted, and its memory taken back.
     pub(super) fn settle(&mut self) -> bool {
         if !self.pending {
             return true;
         }
-        let slice = LAST_PATIENCE.as_nanos() as u64;
+        let slice = LAST_TIMEOUT.as_nanos() as u64;
         // SAFETY: the fence belongs to this device.
         let settled = unsafe { self.gpu.raw.wait_for_fences(&[self.fence], true, slice) };
         // A driver reports a loss, at once, when the device works no more. Any other error says

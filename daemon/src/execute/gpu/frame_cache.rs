@@ -9,12 +9,12 @@ use super::{Block, Command, Frame, Gpu, GpuError, Part, QueueRole};
 /// A place in a block. The frame that is filed under it keeps the block alive, so its address
 /// names no other block meanwhile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Place {
+pub(super) struct BlockOffset {
     block: usize,
     offset: u64,
 }
 
-impl Place {
+impl BlockOffset {
     pub(super) fn of(part: &Part) -> Self {
         Self { block: Arc::as_ptr(&part.block) as usize, offset: part.offset }
     }
@@ -32,9 +32,9 @@ pub(super) struct FrameKey {
     pub(super) capacity: u64,
     /// Which part of a long run it is.
     pub(super) chunk: usize,
-    pub(super) input: Place,
-    pub(super) output: Place,
-    pub(super) rules: Option<Place>,
+    pub(super) input: BlockOffset,
+    pub(super) output: BlockOffset,
+    pub(super) rules: Option<BlockOffset>,
 }
 
 impl FrameKey {
@@ -44,7 +44,7 @@ impl FrameKey {
 }
 
 /// Frames by key. A client alternates among a few loans for its boxes and a few for the reply.
-const KEPT_FRAMES: usize = 16;
+const CACHED_FRAMES: usize = 16;
 
 /// The last frames used, the most recent last.
 pub(super) struct FrameCache<K = FrameKey> {
@@ -64,11 +64,11 @@ impl<K: PartialEq> FrameCache<K> {
         profiled: bool,
         steps: impl FnOnce() -> Result<Vec<Command>, GpuError>,
     ) -> Result<&mut Frame, GpuError> {
-        if let Some(place) = self.frames.iter().position(|(k, _)| *k == key) {
-            let found = self.frames.remove(place);
+        if let Some(put) = self.frames.iter().position(|(k, _)| *k == key) {
+            let found = self.frames.remove(put);
             self.frames.push(found);
         } else {
-            let mut frame = if self.frames.len() < KEPT_FRAMES {
+            let mut frame = if self.frames.len() < CACHED_FRAMES {
                 Frame::of_role(gpu, self.role, profiled)?
             } else {
                 self.frames.remove(0).1
@@ -98,7 +98,7 @@ impl<K: PartialEq> FrameCache<K> {
     }
 
     /// Drops the frames of some keys, but for one under way, which keeps its blocks alive.
-    pub(super) fn forget(&mut self, is_meant: impl Fn(&K) -> bool) {
+    pub(super) fn discard(&mut self, is_meant: impl Fn(&K) -> bool) {
         self.frames.retain(|(key, frame)| frame.is_pending() || !is_meant(key));
     }
 }

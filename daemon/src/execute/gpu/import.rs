@@ -4,7 +4,7 @@
 //! the file behind an address is looked up in the process's table of mappings and the same pages are mapped a
 //! second time, read-write, for the import alone. That mapping belongs to the import: it stays
 //! valid when the first one goes, but then shows a file that is not in use, so
-//! [`Imports::forget`] it.
+//! [`Imports::discard`] it.
 //!
 //! Stages read from every import. They write only to those that were imported for replies, which is
 //! `unsafe`: a reply is found by its address, so the address must not come to mean other memory.
@@ -55,7 +55,7 @@ impl ReadWriteMapping {
         Ok(Self { pointer, bytes, file: None })
     }
 
-    /// The pages behind an address range of this process, read-write whatever the first mapping
+    /// The pages behind an address range of this process, read-write regardless of the first mapping
     /// allows. Covers whole pages around the range.
     pub fn behind(address: usize, bytes: usize) -> Result<Self, SegmentError> {
         let start = page_start(address);
@@ -68,7 +68,7 @@ impl ReadWriteMapping {
         Ok(mapping)
     }
 
-    /// Whether the file behind it has no name any more: its owner is gone.
+    /// Whether the file behind it has no name any more: its owner has exited.
     pub fn is_orphaned(&self) -> bool {
         self.file.as_ref().is_some_and(|f| f.metadata().is_ok_and(|data| data.nlink() == 0))
     }
@@ -114,7 +114,7 @@ fn segment_around(start: usize, end: usize) -> Result<Mapping, SegmentError> {
     }
 }
 
-/// Opens a mapping's file read-write: by its path, or, when the name is gone (memfd, an unlinked segment), through a
+/// Opens a mapping's file read-write: by its path, or, when the name no longer exists (memfd, an unlinked segment), through a
 /// descriptor that is still open.
 fn open_file(mapping: &Mapping) -> Result<File, SegmentError> {
     let is_it = |data: &Metadata| (data.dev(), data.ino()) == (mapping.device, mapping.inode);
@@ -166,7 +166,7 @@ struct Import {
 }
 
 /// Pieces of memory that are remembered: three frames of each of some dozens of clients, and as
-/// many replies. The oldest is forgotten beyond, and imported again when it comes back.
+/// many replies. The oldest is dropped beyond, and imported again when it comes back.
 const OFFERED_LIMIT: usize = 128;
 
 /// Address ranges whose pages a GPU has imported. An import costs 0.2 to 10 ms, once for each piece of memory: the first
@@ -180,7 +180,7 @@ pub struct Imports {
 }
 
 /// Blocks of imports that have ended. Frames that were recorded for them are to be dropped.
-type Forgotten = Vec<Arc<Block>>;
+type Discarded = Vec<Arc<Block>>;
 
 /// An address range was not imported; the staged path serves it.
 #[derive(Debug, thiserror::Error)]
@@ -196,7 +196,7 @@ impl Imports {
     /// stages to read boxes from. The range's pages become resident: import what is used, not a
     /// whole sparse segment.
     ///
-    /// Until [`Self::forget`], boxes at these addresses are taken to be these pages. Where the
+    /// Until [`Self::discard`], boxes at these addresses are taken to be these pages. Where the
     /// range is mapped anew before, frames read what lies in the former pages: a wrong answer, and
     /// no harm to memory.
     pub fn import_boxes(
@@ -212,7 +212,7 @@ impl Imports {
     /// As [`Self::import_boxes`], for stages to write replies to as well.
     ///
     /// # Safety
-    /// Until [`Self::forget`], the range stays mapped to the pages that it is mapped to now,
+    /// Until [`Self::discard`], the range stays mapped to the pages that it is mapped to now,
     /// or no reply lends memory at these addresses. Otherwise a frame writes to pages that
     /// its reply does not borrow.
     pub unsafe fn import_replies(
@@ -233,21 +233,21 @@ impl Imports {
     }
 
     /// Ends an import: from now on nothing is found at its addresses.
-    pub fn forget(&mut self, id: ImportId) -> Forgotten {
+    pub fn discard(&mut self, id: ImportId) -> Discarded {
         self.end(|import| import.id == id)
     }
 
-    fn end(&mut self, is_meant: impl Fn(&Import) -> bool) -> Forgotten {
-        let mut forgotten = Forgotten::new();
+    fn end(&mut self, is_meant: impl Fn(&Import) -> bool) -> Discarded {
+        let mut discarded = Discarded::new();
         for Import { owner, range, block, .. } in self.all.extract_if(.., |i| is_meant(i)) {
             if let Some(block) = block {
                 if owner == Owner::Daemon {
                     self.leaving.push((range, Arc::downgrade(&block)));
                 }
-                forgotten.push(block);
+                discarded.push(block);
             }
         }
-        forgotten
+        discarded
     }
 
     #[must_use]
@@ -256,7 +256,7 @@ impl Imports {
         gpu: &Arc<Gpu>,
         owner: Owner,
         objects: Objects<'_>,
-    ) -> Forgotten {
+    ) -> Discarded {
         let memory = objects.as_bytes().as_ptr_range();
         self.offer(gpu, owner, memory.start as usize..memory.end as usize)
     }
@@ -267,32 +267,32 @@ impl Imports {
     /// [`LentReply`]. Shared memory that it lends stays mapped to the same pages as long as the engines live, or until
     /// [`Self::leave`] has ended this import.
     #[must_use]
-    pub(in crate::execute) fn offer_reply(&mut self, gpu: &Arc<Gpu>, lent: LentReply) -> Forgotten {
+    pub(in crate::execute) fn offer_reply(&mut self, gpu: &Arc<Gpu>, lent: LentReply) -> Discarded {
         self.offer(gpu, Owner::Daemon, lent.range())
     }
 
-    fn offer(&mut self, gpu: &Arc<Gpu>, owner: Owner, range: Range<usize>) -> Forgotten {
+    fn offer(&mut self, gpu: &Arc<Gpu>, owner: Owner, range: Range<usize>) -> Discarded {
         let known = |import: &Import| {
             let its = &import.range;
             import.owner == owner && its.start <= range.start && range.end <= its.end
         };
         if range.is_empty() || self.all.iter().any(known) {
-            return Forgotten::new();
+            return Discarded::new();
         }
-        // Whatever else was known of these addresses is gone, or too short.
-        let mut forgotten = self.end(|import| overlap(&import.range, &range));
+        // All else that was known of these addresses no longer exists, or too short.
+        let mut discarded = self.end(|import| overlap(&import.range, &range));
         if let Some(oldest) = self.all.first().filter(|_| self.all.len() >= OFFERED_LIMIT) {
-            forgotten.append(&mut self.forget(oldest.id));
+            discarded.append(&mut self.discard(oldest.id));
         }
         let block = block_behind(gpu, range.start, range.len())
             .inspect_err(|error| log::debug!("staging instead of importing: {error}"))
             .ok();
         self.add(owner, range, block);
-        forgotten
+        discarded
     }
 
     #[must_use]
-    pub(in crate::execute) fn leave(&mut self, range: &Range<usize>) -> Forgotten {
+    pub(in crate::execute) fn leave(&mut self, range: &Range<usize>) -> Discarded {
         self.end(|import| import.owner == Owner::Daemon && overlap(&import.range, range))
     }
 
@@ -304,7 +304,7 @@ impl Imports {
     }
 
     #[must_use]
-    pub(in crate::execute) fn tidy(&mut self) -> Forgotten {
+    pub(in crate::execute) fn tidy(&mut self) -> Discarded {
         self.leaving.retain(|(_, block)| block.strong_count() > 0);
         self.end(|import| import.block.as_ref().is_some_and(|block| block.is_orphaned()))
     }

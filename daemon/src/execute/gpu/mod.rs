@@ -42,10 +42,10 @@ pub use self::transfers::{SharedImports, Upload};
 pub use wgpu::AdapterInfo;
 
 use self::device::{Order, QueueRole};
-use self::frame_cache::{FrameCache, FrameKey, Place};
+use self::frame_cache::{BlockOffset, FrameCache, FrameKey};
 use self::import::Access;
 use self::memory::{Growing, frame_blocks};
-use self::transfers::{MaskPlace, PlacedBoxes, Transfers};
+use self::transfers::{MaskTarget, Transfers, UploadedBoxes};
 
 /// A number of 64 bits as stages write it, the low word first.
 fn wide([low, high]: [u32; 2]) -> u64 {

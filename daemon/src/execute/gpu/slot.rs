@@ -1,8 +1,8 @@
 //! The place of the GPU in the daemon: being opened, there, lost, or being rebuilt.
 //!
 //! A thread that has used NVIDIA's driver (580.159.04) must not end while another one destroys a device: each
-//! then waits for a lock of the driver that the other holds, and whoever asks the driver next waits with them.
-//! So what is done with a driver now and then is done by one thread, which ends with whatever it works for.
+//! then waits for a lock of the driver that the other holds, and the next callers of the driver wait with them.
+//! So what is done with a driver now and then is done by one thread, which ends with its owner.
 
 use std::io;
 use std::sync::Arc;
@@ -23,7 +23,7 @@ const RETRY_AFTER: Duration = Duration::from_secs(1);
 pub enum IfMissing {
     /// It stays empty.
     DoWithout,
-    /// It stays empty, and somebody is told why.
+    /// It stays empty, and somebody learns why.
     Report(Arc<dyn Fn(OpenError) + Send + Sync>),
     /// The device is opened as one that was lost.
     TryAgain,
@@ -168,7 +168,7 @@ impl<T: Send + 'static> DriverThread<T> {
         let (ask, asked) = sync_channel(1);
         let (report, done) = sync_channel(1);
         let thread = std::thread::Builder::new().name(name.into()).spawn(move || {
-            // Dropped last: who is told of a panic asks in vain.
+            // Dropped last: who learns of a panic asks in vain.
             let report = report;
             let asked = asked;
             loop {
@@ -224,7 +224,7 @@ mod tests {
             assert!(thread.ask());
             assert_eq!(wait(), (expected, first));
         }
-        assert_eq!(thread.progress(), Err(TryRecvError::Empty), "told once");
+        assert_eq!(thread.progress(), Err(TryRecvError::Empty), "reported once");
     }
 
     #[test]

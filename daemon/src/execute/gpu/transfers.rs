@@ -14,8 +14,8 @@ use pairmask_core::mask::MaskShape;
 use pairmask_core::objects::Objects;
 
 use super::{
-    Access, Block, Command, FrameCache, Gpu, GpuError, Growing, Home, Imports, Order, Part, Place,
-    QueueRole,
+    Access, Block, BlockOffset, Command, FrameCache, Gpu, GpuError, Growing, Home, Imports, Order,
+    Part, QueueRole,
 };
 use crate::locked;
 
@@ -75,19 +75,19 @@ pub(super) struct Transfers {
     staged_mask: Growing,
 }
 
-pub(super) struct PlacedBoxes {
+pub(super) struct UploadedBoxes {
     /// The memory, whole words.
     pub(super) part: Part,
     pub(super) form: ObjectForm,
 }
 
-pub(super) struct MaskPlace {
+pub(super) struct MaskTarget {
     pub(super) part: Part,
     /// Whether it is the reply itself; otherwise the mask must be copied from here to there.
     pub(super) is_reply: bool,
 }
 
-impl MaskPlace {
+impl MaskTarget {
     /// Copies the sections of a mask to their places in the reply, where it was not written there.
     pub(super) fn read_back(&self, shape: MaskShape, reply: &mut [u32]) {
         if self.is_reply {
@@ -115,11 +115,11 @@ impl Transfers {
     }
 
     /// Brings the objects where the GPU sees them, as they are. `replaced` is set if a block was.
-    pub(super) fn place(
+    pub(super) fn put(
         &mut self,
         objects: Objects<'_>,
         replaced: &mut bool,
-    ) -> Result<PlacedBoxes, GpuError> {
+    ) -> Result<UploadedBoxes, GpuError> {
         let (form, memory) = (objects.form(), objects.as_bytes());
         // Boxes of 6 bytes may end within a word, and stages read words: all of the last one is
         // bound. It is there, since blocks and imports are whole pages.
@@ -133,28 +133,28 @@ impl Transfers {
             && let Some(part) =
                 self.imports.part(&self.gpu, memory.as_ptr() as usize, bytes, Access::Read)
         {
-            return Ok(PlacedBoxes { part, form });
+            return Ok(UploadedBoxes { part, form });
         }
         let mapped = stored_up_to(MAPPED_VIDEO_BYTES);
         let staged = if mapped { &mut self.mapped_boxes } else { &mut self.staged_boxes };
         let part = staged.part(&self.gpu, bytes, replaced)?;
         part.block.write(0, memory);
-        Ok(PlacedBoxes { part, form })
+        Ok(UploadedBoxes { part, form })
     }
 
     /// Where the mask goes that belongs into `mask`.
-    pub(super) fn place_mask(
+    pub(super) fn put_mask(
         &mut self,
         mask: &[u32],
         replaced: &mut bool,
-    ) -> Result<MaskPlace, GpuError> {
+    ) -> Result<MaskTarget, GpuError> {
         let bytes = size_of_val(mask) as u64;
         let address = mask.as_ptr() as usize;
         if let Some(part) = self.imports.part(&self.gpu, address, bytes, Access::Write) {
-            return Ok(MaskPlace { part, is_reply: true });
+            return Ok(MaskTarget { part, is_reply: true });
         }
         let part = self.staged_mask.part(&self.gpu, bytes, replaced)?;
-        Ok(MaskPlace { part, is_reply: false })
+        Ok(MaskTarget { part, is_reply: false })
     }
 }
 
@@ -168,7 +168,7 @@ pub(super) struct UploadAhead {
     always: bool,
     boxes: Growing,
     /// By where boxes are copied from and to, and how many bytes.
-    uploads: FrameCache<([Place; 2], u64)>,
+    uploads: FrameCache<([BlockOffset; 2], u64)>,
     /// Signalled by each upload, waited for by the frame after it.
     uploaded: vk::Semaphore,
     is_under_way: bool,
@@ -199,34 +199,34 @@ impl UploadAhead {
     }
 
     /// Whether these boxes are better brought ahead, `is_behind` another frame or alone.
-    pub(super) fn pays(&self, boxes: &PlacedBoxes, is_behind: bool) -> bool {
+    pub(super) fn pays(&self, boxes: &UploadedBoxes, is_behind: bool) -> bool {
         let boxes = &boxes.part;
         let crosses = boxes.block.home == Home::Imported && boxes.bytes >= LEAST_BYTES;
         self.always || is_behind && crosses
     }
 
-    pub(super) fn place(
+    pub(super) fn put(
         &mut self,
-        boxes: &PlacedBoxes,
+        boxes: &UploadedBoxes,
         replaced: &mut bool,
-    ) -> Result<PlacedBoxes, GpuError> {
+    ) -> Result<UploadedBoxes, GpuError> {
         let mut is_new = false;
         let part = self.boxes.part(&self.gpu, boxes.part.bytes, &mut is_new)?;
         if is_new {
             self.uploads.clear();
             *replaced = true;
         }
-        Ok(PlacedBoxes { part, form: boxes.form })
+        Ok(UploadedBoxes { part, form: boxes.form })
     }
 
     /// Starts to copy; the frame of the boxes is submitted in the order that comes back.
     pub(super) fn begin(
         &mut self,
-        from: &PlacedBoxes,
-        to: &PlacedBoxes,
+        from: &UploadedBoxes,
+        to: &UploadedBoxes,
     ) -> Result<Order, GpuError> {
         let (from, to) = (&from.part, &to.part);
-        let key = ([from, to].map(Place::of), from.bytes);
+        let key = ([from, to].map(BlockOffset::of), from.bytes);
         let copy = || Ok(vec![Command::Copy { from: from.clone(), to: to.clone() }]);
         let upload = self.uploads.frame(&self.gpu, key, false, copy)?;
         upload.submit_in(Order { before: Some(self.uploaded), ..Order::default() })?;
@@ -235,15 +235,15 @@ impl UploadAhead {
     }
 
     /// To be called when the frame after it has ended, and so the upload.
-    pub(super) fn end(&mut self, patience: Duration) -> Result<(), GpuError> {
+    pub(super) fn end(&mut self, timeout: Duration) -> Result<(), GpuError> {
         if !std::mem::take(&mut self.is_under_way) {
             return Ok(());
         }
-        self.uploads.last_mut().map_or(Ok(()), |upload| upload.end(patience))
+        self.uploads.last_mut().map_or(Ok(()), |upload| upload.end(timeout))
     }
 
-    pub(super) fn forget(&mut self, block: &Arc<Block>) {
-        self.uploads.forget(|(places, _)| places.iter().any(|place| place.is_in(block)));
+    pub(super) fn discard(&mut self, block: &Arc<Block>) {
+        self.uploads.discard(|(slots, _)| slots.iter().any(|put| put.is_in(block)));
     }
 
     /// Waits for what is under way. Whether the device is done with it.

@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use pairmask_core::scene::shared::{
-    Incarnations, KeptBoxes, MovedBoxes, NamedPair, Ranges, Remains, TickChanges,
+    Incarnations, MovedBoxes, NamedPair, Ranges, RemainingBoxes, Remains, TickChanges,
 };
 use pairmask_core::scene::{Edit, EndReason, Report, Reported, SceneCopy, SceneError, Sets, Step};
 use pairmask_core::{Aabb, EngineChoice};
@@ -13,7 +13,7 @@ use pairmask_wire::QueryRequest;
 use super::SceneTools;
 use crate::audit::{AuditedScene, Auditor, SceneNote};
 use crate::clients::{PendingBoxes, SceneRoom};
-use crate::execute::SceneKeeper;
+use crate::execute::SceneHost;
 use crate::publish::{OpenRequest, Outbox, Refusal};
 use crate::requests::scene::{Failed, answer_query, bytes_of};
 
@@ -26,15 +26,15 @@ pub(super) struct Boxes {
     /// Indices are below this.
     limit: u32,
     tools: SceneTools,
-    pub(super) scene: SceneKeeper,
+    pub(super) scene: SceneHost,
     /// All boxes: edits are checked against it, and the scene is made again from it where a device is lost.
     /// What the open tick's edits mark in it stays marked until they are applied.
     copy: SceneCopy,
     /// How many boxes each index has lost.
     incarnations: Incarnations,
     pub(super) moved: MovedBoxes,
-    /// Boxes whose writers are gone.
-    kept: KeptBoxes,
+    /// Boxes whose writers have left.
+    kept: RemainingBoxes,
     room: SceneRoom,
     /// Bytes that were kept of members after the last tick.
     members_bytes: u64,
@@ -84,7 +84,7 @@ impl Pending {
         self.boxes.index_end = self.boxes.index_end.max(edit.index_end());
     }
 
-    /// Forgets one. The end of its indices stays until the tick ends.
+    /// Drops one. The end of its indices stays until the tick ends.
     fn take_off(&mut self, edit: Edit<'_>, bytes: u64) {
         self.bytes = self.bytes.saturating_sub(bytes + edit.rule_bytes() as u64);
         self.boxes.count = self.boxes.count.saturating_sub(edit.boxes() as u64);
@@ -93,7 +93,7 @@ impl Pending {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Changed {
-    /// What the scene tells.
+    /// What the scene reports.
     Reported,
     /// Nobody knows.
     Lost,
@@ -123,7 +123,7 @@ impl Boxes {
             copy: SceneCopy::new(limit),
             incarnations: Incarnations::default(),
             moved: MovedBoxes::default(),
-            kept: KeptBoxes::default(),
+            kept: RemainingBoxes::default(),
             room: SceneRoom::begin(&tools.memory)?,
             tools,
             members_bytes: 0,
@@ -260,7 +260,7 @@ impl Boxes {
     ) -> Result<(), Refusal> {
         self.mend(threads)?;
         let mut answered = self.answer(open, request, threads, outbox);
-        if let Err(Failed::Gone(_)) = answered {
+        if let Err(Failed::Lost(_)) = answered {
             // Its boxes were in the memory of a device that is lost.
             self.note_broken();
             self.mend(threads)?;
@@ -269,7 +269,7 @@ impl Boxes {
         if self.pending.bytes == 0 {
             self.note_bytes();
         }
-        answered.map_err(|(Failed::Refused(refusal) | Failed::Gone(refusal))| refusal)
+        answered.map_err(|(Failed::Refused(refusal) | Failed::Lost(refusal))| refusal)
     }
 
     fn answer(

@@ -1,6 +1,6 @@
 //! Scenes that several sessions write: found by name, locked each by itself.
 //!
-//! A commit keeps its request until its tick ends. Whoever ends the tick answers all members: the lane that
+//! A commit keeps its request until its tick ends. The thread that ends the tick answers all members: the worker thread that
 //! takes the last commit in, or the thread of the deadlines.
 //!
 //! ```text
@@ -87,7 +87,7 @@ impl SharedScenes {
                     return Ok(terms);
                 }
                 Err(refusal) => {
-                    self.forget_if_ended(&scene);
+                    self.discard_if_ended(&scene);
                     return Err(refusal);
                 }
             }
@@ -183,11 +183,11 @@ impl SharedScenes {
         }
     }
 
-    /// Ends a membership, if there is one. A session that lives is told that a commit has no answer.
+    /// Ends a membership, if there is one. A session that lives is informed that a commit has no answer.
     fn end(&self, key: MemberKey, why: End) {
         let Some((scene, member)) = locked(&self.joined).remove(&key) else { return };
         let at_end = match why {
-            // What it does not send again is to be gone: it may have removed that in an edit that was lost.
+            // What it does not send again is to be removed: it may have removed that in an edit that was lost.
             End::JoinsAgain => AtEnd::Remove,
             End::Left | End::SessionGone => scene.terms.at_end,
         };
@@ -198,14 +198,14 @@ impl SharedScenes {
             open.close();
         }
         scene.end_tick(&self.tools.pool, &self.outbox);
-        self.forget_if_ended(&scene);
+        self.discard_if_ended(&scene);
     }
 
     fn find(&self, key: MemberKey) -> Option<(Arc<SharedScene>, MemberId)> {
         locked(&self.joined).get(&key).cloned()
     }
 
-    fn forget_if_ended(&self, scene: &Arc<SharedScene>) {
+    fn discard_if_ended(&self, scene: &Arc<SharedScene>) {
         if !scene.seats().end_without_members() {
             return;
         }
@@ -266,7 +266,7 @@ fn watch(due: &Mutex<Due>, pool: &EnginePool, outbox: &Outbox, stop: &AtomicBool
             scene.end_tick(pool, outbox);
             let closes_at = scene.seats().closes_at();
             if let Some(at) = closes_at {
-                // A lane may have set it meanwhile.
+                // A worker thread may have set it meanwhile.
                 set(&mut locked(due), at, Arc::downgrade(&scene));
             }
         }

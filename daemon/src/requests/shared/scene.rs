@@ -1,5 +1,5 @@
 //! One shared scene. It has two locks, so that nobody who joins, leases or commits waits for a tick that is
-//! being applied: one for its [seats](Seats), held for a moment, and one for its [boxes](Boxes). Whoever takes
+//! being applied: one for its [seats](Seats), held for a moment, and one for its [boxes](Boxes). A thread that takes
 //! both takes that of the boxes first, and who works in the engines' pool is in it before: the pool is for one
 //! at a time.
 
@@ -106,7 +106,7 @@ impl SharedScene {
         open: OpenRequest,
         request: &SceneRequest,
     ) -> Result<(), RefusedCommit> {
-        // Its work is bounded by what the scene may hold, whatever the member says of that.
+        // Its work is bounded by what the scene may hold, regardless of what the member says of that.
         let request = &SceneRequest { most_boxes: self.terms.most_boxes, ..*request };
         let begun = self.seats().begin(id, request);
         let Begun { own, is_first, scratch } = match begun {
@@ -193,7 +193,7 @@ impl SharedScene {
         applied.answer(outbox);
     }
 
-    /// A member has left or joins again, or its session is gone. With its boxes go, or stay, listed pairs that
+    /// A member has left or joins again, or its session has ended. With its boxes go, or stay, listed pairs that
     /// name them. Returns the request of a commit that has no answer.
     pub fn end_member(&self, id: MemberId, at_end: AtEnd) -> Option<OpenRequest> {
         let mut boxes = locked(&self.boxes);
@@ -223,7 +223,7 @@ impl SharedScene {
         }
         let recipients: Vec<&Recipient> = recipients.iter().collect();
         if let Err(error) = tick::apply(boxes, &recipients, Edit { steps: &steps }, 1) {
-            log::warn!("scene '{}': removing boxes of a member that is gone: {error}", self.name);
+            log::warn!("scene '{}': removing boxes of a member that has left: {error}", self.name);
         }
     }
 }

@@ -50,7 +50,7 @@ pub(super) struct ClosedTick {
     pub late: Vec<Range<u32>>,
     /// Commits in the order of their writers' indices, then those of listeners.
     pub commits: Vec<(Recipient, Commit)>,
-    /// All others, who hear of it later.
+    /// All others, who learn of it later.
     pub others: Vec<Recipient>,
     /// Bytes that members keep for reading their next edits.
     pub scratch_bytes: u64,
@@ -162,10 +162,10 @@ impl Seats {
         if commit.edit.has_table() && self.has_table() {
             return Err((commit, NotLeased::Filters.into()));
         }
-        let gone = |commit| Err((commit, Refusal::stale_scene(0)));
-        let Some(member) = self.members.get_mut(&id) else { return gone(commit) };
+        let left = |commit| Err((commit, Refusal::stale_scene(0)));
+        let Some(member) = self.members.get_mut(&id) else { return left(commit) };
         if !self.ticks.commit(id, now) {
-            return gone(commit);
+            return left(commit);
         }
         let request = &commit.request;
         let mut unreported = locked(&member.recipient.unreported);
@@ -217,10 +217,10 @@ impl Seats {
         self.members.values().map(|member| member.recipient.clone()).collect()
     }
 
-    /// A member has left, or its session is gone. Returns it, and what it had leased.
+    /// A member has left, or its session has ended. Returns it, and what it had leased.
     pub fn end(&mut self, id: MemberId) -> Option<(Member, Vec<Range<u32>>)> {
         let member = self.members.remove(&id)?;
-        self.ticks.forget(id);
+        self.ticks.discard(id);
         let ended = self.leases.end(id);
         self.ticks.wait_for(self.leases.writers());
         Some((member, ended))
@@ -236,7 +236,7 @@ pub(super) struct Member {
     pub scratch: EditScratch,
 }
 
-/// What is to be reported to a member. The lane that ends a tick has it without its seat.
+/// What is to be reported to a member. The worker thread that ends a tick has it without its seat.
 #[derive(Clone)]
 pub(super) struct Recipient {
     pub id: MemberId,

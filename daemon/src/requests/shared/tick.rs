@@ -48,7 +48,7 @@ fn for_each<T: Send>(list: Vec<T>, threads: usize, f: impl Fn(T) + Send + Sync) 
     }
 }
 
-/// Applies an edit that was checked, and notes what these are to be told of it.
+/// Applies an edit that was checked, and notes what these are to learn of it.
 pub(super) fn apply(
     boxes: &mut Boxes,
     recipients: &[&Recipient],

@@ -55,15 +55,15 @@ fn measure(bodies: usize, pairmask: bool) -> (Step, Step) {
     app.insert_resource(TimeUpdateStrategy::ManualDuration(Duration::from_secs_f64(1.0 / 64.0)));
     app.finish();
     let world = app.world_mut();
-    let place = Transform::from_xyz(0.0, -0.5, 0.0);
-    world.spawn((RigidBody::Static, Collider::cuboid(400.0, 1.0, 400.0), place));
+    let box_at = Transform::from_xyz(0.0, -0.5, 0.0);
+    world.spawn((RigidBody::Static, Collider::cuboid(400.0, 1.0, 400.0), box_at));
     // Stacks of four, side by side in a square.
     let side = ((bodies / 4) as f32).sqrt().ceil() as usize;
     for i in 0..bodies {
         let (stack, y) = (i / 4, i % 4);
         let [x, z] = [stack % side, stack / side].map(|at| at as f32 * 1.1);
-        let place = Transform::from_xyz(x, 0.7 + 1.2 * y as f32, z);
-        world.spawn((RigidBody::Dynamic, Collider::cuboid(1.0, 1.0, 1.0), place, SleepingDisabled));
+        let box_at = Transform::from_xyz(x, 0.7 + 1.2 * y as f32, z);
+        world.spawn((RigidBody::Dynamic, Collider::cuboid(1.0, 1.0, 1.0), box_at, SleepingDisabled));
     }
     let (mut broad, mut whole) = (Vec::new(), Vec::new());
     for _ in 0..RESTING.end {

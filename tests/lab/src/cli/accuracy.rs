@@ -5,7 +5,7 @@ use std::time::Duration;
 use clap::Args;
 use pairmask_core::dispatch::CullOptions;
 use pairmask_core::{BoxCount, EngineChoice};
-use pairmaskd::cli::options::{CullFlags, DaemonOptions, Place};
+use pairmaskd::cli::options::{CommonOptions, CullFlags, DaemonOptions};
 use pairmaskd::cli::output::progress_bar;
 use pairmaskd::cli::target::Target;
 use pairmaskd::cli::whole_number::whole_number;
@@ -73,9 +73,9 @@ pub struct Accuracy {
 }
 
 impl Study for Accuracy {
-    fn measure(&self, place: &Place) -> Result<Report> {
+    fn measure(&self, common: &CommonOptions) -> Result<Report> {
         let engines = match &self.engines[..] {
-            [] => vec![self.options.engine(place)],
+            [] => vec![self.options.engine(common)],
             engines => engines.to_vec(),
         };
         let mut subjects = Vec::new();
@@ -83,7 +83,7 @@ impl Study for Accuracy {
             for &n in &self.n {
                 for &mode in &self.precision {
                     for &engine in &engines {
-                        let options = CullOptions { engine, ..self.options.cull_options(place) };
+                        let options = CullOptions { engine, ..self.options.cull_options(common) };
                         subjects.push(Subject { scene, n, mode, options, seed: self.seed });
                     }
                 }
@@ -94,16 +94,16 @@ impl Study for Accuracy {
             return Err("no row: every engine asked for would take too long on every scene".into());
         }
         let progress = progress_bar(subjects.len() as u64, "rows");
-        let choice = self.daemon.gpu(place);
+        let choice = self.daemon.gpu(common);
         // Listing adapters loads every driver, and some print on stderr: not where no GPU is used.
         let adapters = if choice == GpuChoice::None { Vec::new() } else { list_adapters() };
         // The adapter that a daemon of this choice uses.
         let adapter = choose(&choice, &adapters).and_then(|at| adapters.get(at));
         let machine = machine_with(adapter);
-        let target = Target::new(&self.options, &self.daemon, SPIN, 1, place)?;
+        let target = Target::new(&self.options, &self.daemon, SPIN, 1, common)?;
         let mut rows = Vec::new();
         for subject in &subjects {
-            let builder = self.options.session(place).engine(subject.options.engine);
+            let builder = self.options.session(common).engine(subject.options.engine);
             let builder = target.session(builder, SPIN).capacity(BoxCount::new(subject.n));
             let memory_bytes = || target.memory_bytes();
             rows.push(measure::row(builder.connect()?, subject, &self.lengths, memory_bytes)?);

@@ -15,7 +15,7 @@ use pairmask_core::spinner::Spinner;
 use pairmaskd::cli::bench::{CpuUsed, Figures, FramesOf, LatencyRow, SEED, Wait};
 use pairmaskd::cli::daemon_cpu::DaemonCpu;
 use pairmaskd::cli::machine::Machine;
-use pairmaskd::cli::options::Place;
+use pairmaskd::cli::options::CommonOptions;
 use pairmaskd::cli::output::spinner;
 use pairmaskd::cli::percentiles::Recorder;
 use pairmaskd::cli::program::WrongUsage;
@@ -36,7 +36,7 @@ use crate::study::harness::{Fields, Part, Report, Table, fields, row};
 const MOST_HERTZ: u32 = 100_000;
 /// The most clients at a time: each is a process, and takes a slot of the daemon.
 const MOST_CLIENTS: u32 = 256;
-/// Share of the time by which clients warm up, and the least, ms: 36 frames at 60 Hz tell the pace.
+/// Share of the time by which clients warm up, and the least, ms: 36 frames at 60 Hz show the pace.
 const WARM_UP_SHARE: u32 = 5;
 const LEAST_WARM_UP_MS: u32 = 600;
 /// A daemon counts as idle this long after its last frame: a GPU's clocks are kept up for 0.25 s.
@@ -62,7 +62,7 @@ Examples:
 pub struct Load {
     #[command(flatten)]
     frames_of: FramesOf,
-    /// Frames a second of each client, due at their times whatever became of those before; `closed`
+    /// Frames a second of each client, due at their times regardless of what became of those before; `closed`
     /// sends each when the one before is done
     #[arg(long, value_parser = rate, value_name = "HZ,..", value_delimiter = ',', default_value = "closed")]
     rate: Vec<Rate>,
@@ -153,7 +153,7 @@ struct Paced {
 }
 
 impl Study for Load {
-    fn measure(&self, place: &Place) -> Result<Report> {
+    fn measure(&self, common: &CommonOptions) -> Result<Report> {
         let clients = all_of(&self.mix);
         if clients > MOST_CLIENTS {
             let most = format!("leave some out, {MOST_CLIENTS} are the most");
@@ -180,7 +180,7 @@ impl Study for Load {
         let _spinner = spinner("measuring");
         let (mut rows, mut idle) = (Vec::new(), Vec::new());
         for wait in &self.wait {
-            self.run((&mut rows, &mut idle), *wait, &runs, place)?;
+            self.run((&mut rows, &mut idle), *wait, &runs, common)?;
         }
         let machine = Machine::this();
         let mut report = Report::new("load", vec![Part::heading(1, "Load")]);
@@ -201,17 +201,17 @@ impl Load {
         (rows, idle): (&mut Vec<Fields>, &mut Vec<Fields>),
         wait: Wait,
         runs: &[(Rate, &[Group], PrecisionChoice)],
-        place: &Place,
+        common: &CommonOptions,
     ) -> Result<()> {
         let most = runs.iter().map(|(_, groups, _)| all_of(groups)).max().unwrap_or(1);
         let (options, threads) = (&self.frames_of.options, self.frames_of.decode_threads.get());
-        let target = Target::new(options, &self.frames_of.daemon, wait.spin(), most, place)?;
-        let at = Daemon::new(&target.dir, &target.instance, place.isa());
-        let cull = options.cull_options(place);
+        let target = Target::new(options, &self.frames_of.daemon, wait.spin(), most, common)?;
+        let at = Daemon::new(&target.dir, &target.instance, common.isa());
+        let cull = options.cull_options(common);
         let warm_up_ms = self.seconds.get().saturating_mul(1000) / WARM_UP_SHARE;
         for (i, (rate, groups, precision)) in runs.iter().enumerate() {
             let settings = ClientSettings {
-                backend: options.backend(place, Backend::Daemon).to_string(),
+                backend: options.backend(common, Backend::Daemon).to_string(),
                 engine: cull.engine.to_string(),
                 encoding: cull.encoding.to_string(),
                 threads: cull.threads,
@@ -236,9 +236,9 @@ impl Load {
             let mut clients: Vec<(Worker, Receiver<Option<Said>>)> = Vec::new();
             for (index, n) in (0..).zip(sizes) {
                 let work = Work::Load(ClientSettings { n, index, ..settings.clone() });
-                let (heard, ears) = channel();
+                let (received, ears) = channel();
                 // Nobody reads what a client reports after the run.
-                clients.push((at.start(&work, move |said| drop(heard.send(said)))?, ears));
+                clients.push((at.start(&work, move |said| drop(received.send(said)))?, ears));
             }
             for (_, ears) in &clients {
                 next_report(ears)?;
@@ -314,8 +314,8 @@ fn next_report(ears: &Receiver<Option<Said>>) -> Result<Option<Box<Paced>>> {
 }
 
 impl ClientSettings {
-    /// Connects, says so, waits for the start, measures, tells the figures, and stays connected until
-    /// stdin ends. A failure is told to the parent, which says why the measurement failed.
+    /// Connects, says so, waits for the start, measures, reports the figures, and stays connected until
+    /// stdin ends. A failure is asked to the parent, which says why the measurement failed.
     pub(crate) fn run(&self, builder: SessionBuilder) {
         if let Some(measured) = self.measure(builder).transpose() {
             let said: Said = measured.map(Some).map_err(|error| error.to_string());
@@ -345,7 +345,7 @@ impl ClientSettings {
             .spin(self.wait.spin())
             .deadline(DEADLINE)
             .capacity(BoxCount::new(n))
-            .visit_threads(self.decode_threads.get())
+            .iterate_threads(self.decode_threads.get())
             .connect()?;
         let decoding = Decoding::start(self.decode_threads)?;
         let mut client = TimedClient::new(session, precision, scene.boxes());

@@ -11,7 +11,7 @@ mod studies;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
-use pairmaskd::cli::options::Place;
+use pairmaskd::cli::options::CommonOptions;
 use pairmaskd::cli::shape::{ALL, Shape, shaped};
 use pairmaskd::cli::{machine, output, program, serve};
 
@@ -23,7 +23,7 @@ use crate::processes;
 #[command(name = "pairmask-lab", version = machine::version(), after_help = EXAMPLES)]
 struct Cli {
     #[command(flatten)]
-    place: Place,
+    common: CommonOptions,
     #[command(subcommand)]
     command: Command,
 }
@@ -83,22 +83,22 @@ pub fn main() -> ExitCode {
     program::run(&command(), run)
 }
 
-fn run(Cli { place, command }: &Cli) -> crate::Result<()> {
+fn run(Cli { common, command }: &Cli) -> crate::Result<()> {
     output::start_log("warn");
-    let place = &if command.reads_config() { place.with_config_file()? } else { place.clone() };
+    let common = &if command.reads_config() { common.with_config_file()? } else { common.clone() };
     match command {
-        Command::Stress(stress) => stress.run(place),
-        Command::Load(load) => load.run(place),
-        Command::Accuracy(accuracy) => accuracy.run(place),
-        Command::Mapping(mapping) => mapping.run(place),
-        Command::Grid(grid) => grid.run(place),
-        Command::GpuScene(scene) => scene.run(place),
-        Command::Plan(plan) => plan.run(place),
-        Command::Threads(threads) => threads.run(place),
-        Command::Spheres(spheres) => spheres.run(place),
-        Command::Papers(papers) => papers.run(place),
+        Command::Stress(stress) => stress.run(common),
+        Command::Load(load) => load.run(common),
+        Command::Accuracy(accuracy) => accuracy.run(common),
+        Command::Mapping(mapping) => mapping.run(common),
+        Command::Grid(grid) => grid.run(common),
+        Command::GpuScene(scene) => scene.run(common),
+        Command::Plan(plan) => plan.run(common),
+        Command::Threads(threads) => threads.run(common),
+        Command::Spheres(spheres) => spheres.run(common),
+        Command::Papers(papers) => papers.run(common),
         Command::Client { job } => Ok(processes::work(job)?),
-        Command::Serve(serve) => Ok(serve.run(place, None)?),
+        Command::Serve(serve) => Ok(serve.run(common, None)?),
     }
 }
 

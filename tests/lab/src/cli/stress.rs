@@ -6,7 +6,7 @@ use std::time::Duration;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use pairmaskd::audit::AuditRate;
-use pairmaskd::cli::options::{DaemonOptions, Place};
+use pairmaskd::cli::options::{CommonOptions, DaemonOptions};
 use pairmaskd::cli::output::{print_json, print_text, progress_bar};
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::serve::DaemonSettings;
@@ -16,7 +16,7 @@ use crate::Result;
 use crate::processes::Daemon;
 use crate::sabotage::Sabotage;
 use crate::stress::clients::{ClientSettings, ClientsRun, limits};
-use crate::stress::{Roster, StressReport, Wanted, run};
+use crate::stress::{Requested, Roster, StressReport, run};
 
 /// Put every engine through hard scenes and compare with a naive oracle
 #[derive(Debug, Args)]
@@ -52,13 +52,13 @@ pub struct Stress {
     /// How long
     #[arg(long, value_parser = whole_number::<u64>, value_name = "N", default_value_t = 10)]
     seconds: u64,
-    /// Engines, spheres, scenes that persist (of --clients); several with commas
+    /// Engines, spheres, persistent scenes (of --clients); several with commas
     #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "all",
-        value_parser = PossibleValuesParser::new(Wanted::engine_names()))]
+        value_parser = PossibleValuesParser::new(Requested::engine_names()))]
     engine: Vec<String>,
     /// Precision modes; several with commas. All but engines of boxes are exact
     #[arg(long, value_name = "MODES", value_delimiter = ',', default_value = "all",
-        value_parser = PossibleValuesParser::new(Wanted::MODES))]
+        value_parser = PossibleValuesParser::new(Requested::MODES))]
     mode: Vec<String>,
     /// Most threads of an engine [default: all]
     #[arg(long, value_parser = whole_number::<NonZeroUsize>, value_name = "N")]
@@ -80,10 +80,10 @@ pub struct Stress {
 }
 
 impl Stress {
-    pub fn run(&self, place: &Place) -> Result<()> {
+    pub fn run(&self, common: &CommonOptions) -> Result<()> {
         let report = match self.clients {
-            Some(clients) => self.with_clients(clients, place)?,
-            None => self.in_process(place)?,
+            Some(clients) => self.with_clients(clients, common)?,
+            None => self.in_process(common)?,
         };
         if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
         if report.is_clean() {
@@ -95,10 +95,10 @@ impl Stress {
         Err(if is_unsound { unsound } else { wrong }.into())
     }
 
-    fn in_process(&self, place: &Place) -> Result<StressReport> {
+    fn in_process(&self, common: &CommonOptions) -> Result<StressReport> {
         let roster = Roster {
-            wanted: self.wanted(),
-            gpu: self.options.gpu(place),
+            requested: self.requested(),
+            gpu: self.options.gpu(common),
             sabotage: self.break_engine,
         };
         let time = self.case.is_none().then(|| Duration::from_secs(self.seconds));
@@ -112,38 +112,38 @@ impl Stress {
         Ok(report)
     }
 
-    fn with_clients(&self, clients: NonZeroU16, place: &Place) -> Result<StressReport> {
+    fn with_clients(&self, clients: NonZeroU16, common: &CommonOptions) -> Result<StressReport> {
         // The daemon that the user named, else one of this run, which audits every frame.
-        let (dir, instance, _started) = if let Some(instance) = place.named_instance() {
-            (place.runtime_dir(), instance, None)
+        let (dir, instance, _started) = if let Some(instance) = common.named_instance() {
+            (common.runtime_dir(), instance, None)
         } else {
             let settings = DaemonSettings {
                 limits: limits(clients),
                 audit: AuditRate::OneIn(NonZeroU32::MIN),
-                ..self.options.private(place)
+                ..self.options.private(common)
             };
             let started = PrivateDaemon::start(&std::env::current_exe()?, &settings)?;
             (started.dir(), started.instance(), Some(started))
         };
-        let Wanted { engines, modes, threads } = self.wanted();
+        let Requested { engines, modes, threads } = self.requested();
         let (engines, modes) = (engines.join(","), modes.join(","));
         let replay = format!(
             "pairmask-lab stress --clients {clients} --seconds {} \
              --engine {engines} --mode {modes} --threads {threads}{} {}",
             self.seconds,
             if self.kills { " --kills" } else { "" },
-            match place.named_instance() {
+            match common.named_instance() {
                 Some(instance) => format!("--instance {instance}"),
-                None => format!("--gpu '{}'", self.options.gpu(place)),
+                None => format!("--gpu '{}'", self.options.gpu(common)),
             }
         );
         let run = ClientsRun {
             clients,
-            daemon: Daemon::new(&dir, &instance, place.isa()),
+            daemon: Daemon::new(&dir, &instance, common.isa()),
             settings: ClientSettings {
                 seed: self.seed(),
                 case: self.case,
-                wanted: self.wanted(),
+                requested: self.requested(),
                 with_gpu: false,
                 is_abrupt: self.kills,
             },
@@ -159,10 +159,10 @@ impl Stress {
         Ok(report)
     }
 
-    fn wanted(&self) -> Wanted {
+    fn requested(&self) -> Requested {
         let threads = self.threads.or(std::thread::available_parallelism().ok());
         let (engines, modes) = (self.engine.clone(), self.mode.clone());
-        Wanted { engines, modes, threads: threads.map_or(1, usize::from) }
+        Requested { engines, modes, threads: threads.map_or(1, usize::from) }
     }
 
     /// The seed of the run or of the one case; by default from the clock.

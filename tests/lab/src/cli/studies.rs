@@ -4,7 +4,7 @@ use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use clap::Args;
-use pairmaskd::cli::options::{DaemonOptions, Place};
+use pairmaskd::cli::options::{CommonOptions, DaemonOptions};
 use pairmaskd::cli::output::{make_folder, print_json, print_text, progress_bar, spinner};
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::execute::gpu::{Gpu, GpuChoice, HostImport, OpenError};
@@ -22,7 +22,7 @@ use crate::study::{grid, judge, mapping, threads};
 
 /// A command that measures: what it gives its report for.
 pub trait Study: Args {
-    fn measure(&self, place: &Place) -> Result<Report>;
+    fn measure(&self, common: &CommonOptions) -> Result<Report>;
 }
 
 #[derive(Debug, Args)]
@@ -42,9 +42,9 @@ pub struct Measured<S: Args> {
 
 impl<S: Study> Measured<S> {
     /// Measures, writes the files and prints. The folder is made first, so that a wrong name fails at once.
-    pub fn run(&self, place: &Place) -> Result<()> {
+    pub fn run(&self, common: &CommonOptions) -> Result<()> {
         make_folder(self.out.as_deref())?;
-        let report = self.study.measure(place)?;
+        let report = self.study.measure(common)?;
         if let Some(folder) = &self.out {
             report.write(folder)?;
         }
@@ -82,9 +82,9 @@ pub struct Mapping {
 }
 
 impl Study for Mapping {
-    fn measure(&self, place: &Place) -> Result<Report> {
+    fn measure(&self, common: &CommonOptions) -> Result<Report> {
         let _spinner = spinner("measuring");
-        mapping::measure(&self.options.gpu(place), self.quick)
+        mapping::measure(&self.options.gpu(common), self.quick)
     }
 }
 
@@ -112,14 +112,14 @@ pub struct Grid {
 }
 
 impl Study for Grid {
-    fn measure(&self, place: &Place) -> Result<Report> {
+    fn measure(&self, common: &CommonOptions) -> Result<Report> {
         let _spinner = spinner("measuring");
         let counts = if self.quick { &[1_000][..] } else { &self.n };
-        grid::measure(&self.options.gpu(place), counts, self.quick)
+        grid::measure(&self.options.gpu(common), counts, self.quick)
     }
 }
 
-/// Scenes that persist in video memory: what an edit and its changes cost, by how much moves
+/// Persistent scenes in video memory: what an edit and its changes cost, by how much moves
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Times are µs: edit in, sorted changes out (median and 99 of 100). What was reported is compared with a fresh
@@ -156,8 +156,8 @@ fn percent(text: &str) -> Result<f64, String> {
 }
 
 impl Study for GpuSceneBench {
-    fn measure(&self, place: &Place) -> Result<Report> {
-        let choices = self.options.gpus(place).each();
+    fn measure(&self, common: &CommonOptions) -> Result<Report> {
+        let choices = self.options.gpus(common).each();
         let gpus = choices.iter().map(|gpu| Gpu::open(gpu, HostImport::IfPossible));
         let gpus = gpus.collect::<Result<Vec<_>, _>>()?;
         if gpus.is_empty() {
@@ -234,11 +234,11 @@ pub struct PlanBench {
 }
 
 impl Study for PlanBench {
-    fn measure(&self, place: &Place) -> Result<Report> {
+    fn measure(&self, common: &CommonOptions) -> Result<Report> {
         let not_quadratic = SceneName::ALL.into_iter().filter(|scene| !scene.is_quadratic());
         let cases = self.cases.of(&not_quadratic.collect::<Vec<_>>(), &judge::SIZES);
         let progress = progress_bar(cases.len() as u64, "measuring");
-        judge::measure(&cases, &self.cases.threads(), place.isa(), || progress.inc(1))
+        judge::measure(&cases, &self.cases.threads(), common.isa(), || progress.inc(1))
     }
 }
 
@@ -264,7 +264,7 @@ pub struct ThreadsBench {
 }
 
 impl Study for ThreadsBench {
-    fn measure(&self, _: &Place) -> Result<Report> {
+    fn measure(&self, _: &CommonOptions) -> Result<Report> {
         let mut cases = self.cases.of(&threads::SCENES, &threads::SIZES);
         if self.cases.scene.is_empty() && self.cases.n.is_empty() {
             cases.splice(..0, threads::papers_cases());
@@ -299,7 +299,7 @@ pub struct Spheres {
 }
 
 impl Study for Spheres {
-    fn measure(&self, _: &Place) -> Result<Report> {
+    fn measure(&self, _: &CommonOptions) -> Result<Report> {
         let progress = match self.options.errors {
             Some(pairs) => progress_bar(pairs_decided(pairs), "pairs of spheres"),
             None => spinner("spheres"),
@@ -327,7 +327,7 @@ pub struct Papers {
 }
 
 impl Study for Papers {
-    fn measure(&self, _: &Place) -> Result<Report> {
+    fn measure(&self, _: &CommonOptions) -> Result<Report> {
         let progress = progress_bar(STEPS, "studies");
         make(&self.options, || progress.inc(1)).map(|page| page.report())
     }

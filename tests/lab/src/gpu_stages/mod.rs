@@ -1,4 +1,4 @@
-//! Memory that is shared as the daemon's is, for engines of the GPU, and times of scenes that persist. Pairs are
+//! Memory that is shared as the daemon's is, for engines of the GPU, and times of persistent scenes. Pairs are
 //! compared with those of the CPU.
 
 pub(crate) mod scenes;

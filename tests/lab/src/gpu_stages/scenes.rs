@@ -1,4 +1,4 @@
-//! Times of scenes that persist in video memory: an edit by the host's clock, and its stages by the GPU's.
+//! Times of persistent scenes in video memory: an edit by the host's clock, and its stages by the GPU's.
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;
@@ -9,7 +9,7 @@ use clap::Args;
 use pairmask_core::Aabb;
 use pairmask_core::aabb::KeyBox;
 use pairmask_core::scene::{
-    Edit, Indices, QueryTags, Report, Reported, Scene, SceneOptions, Sets, Step,
+    Edit, Indices, QueryFilterData, Report, Reported, Scene, SceneOptions, Sets, Step,
 };
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::execute::gpu::{
@@ -180,7 +180,7 @@ impl Run {
 
     fn ask(&mut self) -> Result<Times> {
         let start = Instant::now();
-        self.scene.query(&self.queries, QueryTags::None, &mut self.found)?;
+        self.scene.query(&self.queries, QueryFilterData::None, &mut self.found)?;
         let took = start.elapsed();
         Ok(self.times(took))
     }

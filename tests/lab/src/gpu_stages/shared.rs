@@ -37,7 +37,7 @@ impl Segment {
 
     fn import(&mut self, gpu: &Arc<Gpu>, imports: &SharedImports) -> Result<(), ImportError> {
         let (address, bytes) = (self.mapping.pointer().as_ptr() as usize, self.mapping.bytes());
-        // SAFETY: the mapping stays where it is until the segment is dropped, which forgets the
+        // SAFETY: the mapping stays where it is until the segment is dropped, which drops the
         // import first.
         let id = unsafe { imports.lock().import_replies(gpu, address, bytes) }?;
         self.imported = Some((imports.clone(), id));
@@ -70,7 +70,7 @@ impl Segment {
 impl Drop for Segment {
     fn drop(&mut self) {
         if let Some((imports, id)) = self.imported.take() {
-            imports.lock().forget(id);
+            imports.lock().discard(id);
         }
     }
 }
@@ -108,7 +108,7 @@ impl FrameSegments {
 }
 
 // SAFETY: mappings do not move with the values that own them, and no other reference into these
-// exists. A reply that was lent and imported is mapped until the segment is dropped, which forgets
+// exists. A reply that was lent and imported is mapped until the segment is dropped, which drops
 // the import; the engine that is timed imports nothing by itself.
 unsafe impl FrameMemory for FrameSegments {
     fn with<R>(&mut self, work: impl FnOnce(Objects<'_>, &mut dyn ReplyBuffer) -> R) -> R {

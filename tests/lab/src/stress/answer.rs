@@ -20,7 +20,7 @@ pub enum Form {
     Boxes,
     Spheres,
     Mode(Usage),
-    /// Edits of a scene that persists, towards the boxes: by the clients of a daemon.
+    /// Edits of a persistent scene, towards the boxes: by the clients of a daemon.
     Scene,
 }
 
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_is_wrong_in_an_answer_is_noticed_in_every_form() {
+    fn every_fault_of_an_answer_is_noticed_in_every_form() {
         let forms = || [Form::Boxes, Form::Spheres].into_iter().chain(Usage::ALL.map(Form::Mode));
         let has_pairs = |case: &Case| forms().all(|form| case.allowed(form).0.len() > 5);
         let case = (1..1_000).map(Case::new).find(has_pairs).expect("a case with pairs");

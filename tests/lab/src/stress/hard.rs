@@ -45,9 +45,9 @@ pub const ALL: &[(&str, Make)] = &[
         };
         boxes(n, |_| {
             std::array::from_fn(|_| {
-                let ((place, negative), (size, centred)) = (decade(), decade());
-                let place = if negative { -place } else { place };
-                if centred { [-size, size] } else { [place, place + size] }
+                let ((slot, negative), (size, centred)) = (decade(), decade());
+                let slot = if negative { -slot } else { slot };
+                if centred { [-size, size] } else { [slot, slot + size] }
             })
         })
     }),

@@ -26,7 +26,7 @@ pub(crate) use answer::{Answer, Finding, Form, Reply, absent, compare};
 pub(crate) use case::Case;
 pub use flags::{FloatFlags, MixedFlags, Rounding};
 pub(crate) use report::{Failure, StressReport};
-pub(crate) use roster::{Roster, Wanted};
+pub(crate) use roster::{Requested, Roster};
 pub use spheres::SphereCase;
 
 use std::time::{Duration, Instant};

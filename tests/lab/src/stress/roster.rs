@@ -26,14 +26,14 @@ use crate::study::harness::open_if_any;
 use crate::study::ways::distinct;
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Wanted {
+pub struct Requested {
     pub engines: Vec<String>,
     pub modes: Vec<String>,
     /// Most threads of an engine; each takes part with one thread as well.
     pub threads: usize,
 }
 
-impl Wanted {
+impl Requested {
     pub const MODES: [&str; 7] = ["all", "exact", "q16", "q8", "f16", "margin", "f64"];
 
     pub fn engine_names() -> Vec<&'static str> {
@@ -55,7 +55,7 @@ impl Wanted {
 
 #[derive(Clone, Debug)]
 pub struct Roster {
-    pub wanted: Wanted,
+    pub requested: Requested,
     /// The GPU. Engines of the GPU that no name asks for are left out on a machine without one.
     pub gpu: GpuChoice,
     /// Break every engine or mode, to test that the checks notice.
@@ -72,7 +72,7 @@ const POISON: u32 = 0xa5a5_a5a5;
 impl Roster {
     pub fn subjects(&self) -> Result<Vec<Subject>> {
         let mut pools = Vec::new();
-        for threads in distinct(vec![1, self.wanted.threads.max(1)]) {
+        for threads in distinct(vec![1, self.requested.threads.max(1)]) {
             pools.push(Arc::new(ThreadPoolBuilder::new().num_threads(threads).build()?));
         }
         let mut subjects: Vec<Subject> = Vec::new();
@@ -85,7 +85,7 @@ impl Roster {
             }
         }
         self.add_gpu(&mut subjects, &pools[..1])?;
-        if self.wanted.has("spheres", Form::Spheres) {
+        if self.requested.has("spheres", Form::Spheres) {
             pools.iter().try_for_each(|pool| self.add_spheres(&mut subjects, pool))?;
         }
         if subjects.is_empty() {
@@ -106,7 +106,7 @@ impl Roster {
         pools: &[Arc<ThreadPool>],
         engine: impl Fn() -> Result<Box<dyn Engine>, E>,
     ) -> Result<(), E> {
-        for form in self.wanted.forms_of_boxes(name.as_str()) {
+        for form in self.requested.forms_of_boxes(name.as_str()) {
             let (encodings, pools) = match form {
                 Form::Boxes => (name.descriptor().encodings, pools),
                 _ if with_modes => (&[Encoding::Sparse][..], &pools[pools.len() - 1..]),
@@ -178,12 +178,16 @@ impl Roster {
 
     fn add_gpu(&self, subjects: &mut Vec<Subject>, pools: &[Arc<ThreadPool>]) -> Result<()> {
         let engines = || EngineName::ALL.into_iter().filter(|name| name.is_gpu());
-        let is_wanted = |name: &EngineName| !self.wanted.forms_of_boxes(name.as_str()).is_empty();
-        if !engines().any(|name| is_wanted(&name)) {
+        let is_requested =
+            |name: &EngineName| !self.requested.forms_of_boxes(name.as_str()).is_empty();
+        if !engines().any(|name| is_requested(&name)) {
             return Ok(());
         }
-        let is_named =
-            self.wanted.engines.iter().any(|wanted| engines().any(|name| name.as_str() == wanted));
+        let is_named = self
+            .requested
+            .engines
+            .iter()
+            .any(|requested| engines().any(|name| name.as_str() == requested));
         let import = HostImport::IfPossible;
         let gpu = if is_named {
             Some(Gpu::open(&self.gpu, import)?)
@@ -256,7 +260,7 @@ pub struct Culler {
 }
 
 impl Culler {
-    /// `label` tells it from others.
+    /// `label` distinguishes it from others.
     pub fn subject(mut self, label: &str) -> Subject {
         let (form, engine) = (self.form, self.engine.name().as_str());
         let name = name_of(label, form, self.encoding, &self.pool);

@@ -128,7 +128,7 @@ pub const ALL: &[StressScene] = &[
         boxed(corner, size)
     }),
     quadratic("random bits", random_bits),
-    // Random bits with the faces in order, so that most boxes are solid.
+    // Random bits with the faces in order, so that most boxes are valid.
     quadratic("random key order", |i, n, rng| {
         let b = random_bits(i, n, rng);
         either_order(b.min, b.max)
@@ -176,8 +176,8 @@ pub const ALL: &[StressScene] = &[
     // Few boxes in each of many places, so far from one another that no table has cells for what lies between.
     few("clusters far apart", |_, n, rng| {
         let at = rng.below(n / 16 + 1);
-        let place = [at, at.wrapping_mul(0x9e37), at.wrapping_mul(0x85eb_ca6b)];
-        let corner = place.map(|x| (x % 1_024) as f32 * 16_384.0 - 8_388_608.0);
+        let position = [at, at.wrapping_mul(0x9e37), at.wrapping_mul(0x85eb_ca6b)];
+        let corner = position.map(|x| (x % 1_024) as f32 * 16_384.0 - 8_388_608.0);
         let p = rng.point();
         boxed(std::array::from_fn(|axis| corner[axis] + 4.0 * p[axis]), [1.0; 3])
     }),

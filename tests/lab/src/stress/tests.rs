@@ -15,9 +15,9 @@ use crate::study::spheres::oracle;
 fn roster(engines: &[&str], mode: &str, sabotage: Option<Sabotage>) -> Roster {
     let is_on_gpu = engines.iter().any(|name| name.starts_with("gpu"));
     let engines = engines.iter().map(|name| (*name).to_owned()).collect();
-    let wanted = Wanted { engines, modes: vec![mode.to_owned()], threads: 2 };
+    let requested = Requested { engines, modes: vec![mode.to_owned()], threads: 2 };
     let gpu = if is_on_gpu { pairmask_tests::gpu::choice() } else { GpuChoice::None };
-    Roster { wanted, gpu, sabotage }
+    Roster { requested, gpu, sabotage }
 }
 
 fn run_for(seed: u64, ms: u64, subjects: &mut [Subject]) -> StressReport {
@@ -134,9 +134,9 @@ fn scenes_and_changes_are_what_their_names_say() {
     let named = |name| scenes::named(name).boxes(345, 3);
     assert!((0.2..0.7).contains(&share(&named("empty mixed in"), BoxClass::Empty)));
     assert!(share(&named("nan in each slot"), BoxClass::Invalid) > 0.8);
-    assert!(share(&named("signed zeroes"), BoxClass::Solid) > 0.2);
+    assert!(share(&named("signed zeroes"), BoxClass::Valid) > 0.2);
     assert!(named("subnormals").iter().all(|b| b.max[0].abs() < f32::MIN_POSITIVE));
-    assert!(share(&named("random key order"), BoxClass::Solid) > 0.9);
+    assert!(share(&named("random key order"), BoxClass::Valid) > 0.9);
     assert!(pairs(&named("lattice")).len() > 3 * 345, "corners touch");
     for name in ["uniform", "flat"] {
         assert!((345 / 4..345 * 4).contains(&pairs(&named(name)).len()), "{name}");
@@ -145,7 +145,7 @@ fn scenes_and_changes_are_what_their_names_say() {
         for n in [0, 1, 345] {
             let make = || make_scene(n, &mut Random::new(9));
             assert_eq!((make().len(), bytes(&make())), (n, bytes(&make())), "{name}");
-            assert!(n == 0 || share(&make(), BoxClass::Solid) >= 0.8, "{name}");
+            assert!(n == 0 || share(&make(), BoxClass::Valid) >= 0.8, "{name}");
         }
         // Moving every face out by an ulp must change the pairs, else the scene does not test borders.
         if ["chain of touching boxes", "grid borders", "quantisation borders"].contains(name) {
@@ -167,7 +167,7 @@ fn scenes_and_changes_are_what_their_names_say() {
         let class = match *name {
             "empty boxes" => BoxClass::Empty,
             "NaN in some slots" => BoxClass::Invalid,
-            _ => BoxClass::Solid,
+            _ => BoxClass::Valid,
         };
         assert!(share(&after, class) > 0.08, "{name}");
         assert!(*name != "mirrored" || pairs(&before) == pairs(&after));

@@ -154,7 +154,7 @@ fn timed_stages(row: &Fields) -> impl Iterator<Item = (&str, f64)> {
 
 fn crossing(rows: &[Fields]) -> Option<u64> {
     let slower = rows.iter().rposition(|row| row["with_ms"].as_f64() >= row["without_ms"].as_f64());
-    rows.get(slower.map_or(0, |place| place + 1)).and_then(|row| row["n"].as_u64())
+    rows.get(slower.map_or(0, |slot| slot + 1)).and_then(|row| row["n"].as_u64())
 }
 
 fn parts_row(row: &Fields, budget: Duration) -> Fields {
@@ -174,7 +174,7 @@ fn parts_row(row: &Fields, budget: Duration) -> Fields {
     row!(
         n,
         update_boxes_ms,
-        update_grid_ms: ms(&["grid_cells", "grid_scan", "grid_scatter", "grid_place"]),
+        update_grid_ms: ms(&["grid_cells", "grid_scan", "grid_scatter", "grid_slot"]),
         cull_ms: ms(&["grid_pairs", "grid_write"]),
         total_ms: update_boxes_ms + number(row, "frame_us") / 1e3,
         paper_ms: paper("table_6", n, ["alpha", "beta", "delta", "total"]),
@@ -234,7 +234,7 @@ fn stages_of(row: &Fields, bandwidth: [f64; 3]) -> Vec<Fields> {
             "grid_cells" => (24 * n, 0, 32 * n + 8 * n),
             "grid_scan" => (0, 0, 8 * cells),
             "grid_scatter" => (0, 0, 24 * n),
-            "grid_place" => (0, 0, 76 * n),
+            "grid_slot" => (0, 0, 76 * n),
             "grid_pairs" => (0, 4 * n, 32 * n + 4 * cells + 12 * words),
             "grid_write" => (0, 12 * words, 12 * words + 4 * cells),
             _ => (0, 0, 0),
@@ -370,8 +370,8 @@ fn begin(grid: &mut Grid, memory: FrameSegments) -> Result<GridUnderWay<FrameSeg
 
 fn reply_words(n: usize) -> u64 {
     let n = BoxCount::of_len(n).unwrap_or_default();
-    let items = WORDS_A_BOX * u64::from(n.get());
-    Sizes::of(n).reply_words(Capacity { found: Found::Words, items })
+    let entries = WORDS_A_BOX * u64::from(n.get());
+    Sizes::of(n).reply_words(Capacity { found: Found::Words, entries })
 }
 
 fn stages(gpu: &Arc<Gpu>, scene: &mut Scene, budget: Duration) -> Result<Vec<(String, f64)>> {

@@ -1,4 +1,4 @@
-//! Scenes of which some boxes move in each frame, for measurements of scenes that persist.
+//! Scenes of which some boxes move in each frame, for measurements of persistent scenes.
 
 use clap::ValueEnum;
 use pairmask_core::Aabb;

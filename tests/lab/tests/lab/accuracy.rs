@@ -2,16 +2,16 @@
 
 use serde_json::Value;
 
-use super::support::{Finished, Place, keys, names};
+use super::support::{Finished, Sandbox, keys, names};
 
 const FIELDS: &str = "scene n mode margin offset spheres backend engine served_by_engine frames \
     requests times bytes_up bytes_down checked_frames true_pairs missed extra \
     extra_ratio precision error_percent against_boxes memory_bytes";
 
-fn run(place: &Place, more: &[&str]) -> Finished {
+fn run(sandbox: &Sandbox, more: &[&str]) -> Finished {
     let mut arguments = vec!["accuracy", "--frames", "8", "--warm-up", "1", "--checked", "2"];
     arguments.extend(more);
-    place.run(&arguments)
+    sandbox.run(&arguments)
 }
 
 fn check_rows(report: &Value, expected: usize, backend: &str) {
@@ -47,9 +47,9 @@ fn check_rows(report: &Value, expected: usize, backend: &str) {
 
 #[test]
 fn rows_for_every_mode_scene_and_engine() {
-    let place = Place::new();
+    let sandbox = Sandbox::new();
     let scenes = ["--scene", "uniform,pile", "--n", "345", "--json"];
-    let report = run(&place, &scenes).json();
+    let report = run(&sandbox, &scenes).json();
     check_rows(&report, 2 * 8, "daemon");
     for mode in ["f64", "plain-f32", "spheres"] {
         let rows = report["rows"].as_array().unwrap();
@@ -68,29 +68,29 @@ fn rows_for_every_mode_scene_and_engine() {
         let nowhere = report["pareto"]["nowhere"].as_array().unwrap().contains(&verdict["mode"]);
         assert_eq!(nowhere, verdict["on_front"] == 0, "{verdict}");
     }
-    place.assert_clean(&[]);
+    sandbox.assert_clean(&[]);
     let engines =
         ["--backend", "in-process", "--precision", "q8", "--engines", "cpu-brute,cpu-sap,cpu-grid"];
-    check_rows(&run(&place, &[&scenes[..], &engines[..]].concat()).json(), 2 * 3, "in-process");
+    check_rows(&run(&sandbox, &[&scenes[..], &engines[..]].concat()).json(), 2 * 3, "in-process");
 }
 
 #[test]
 fn verdicts_and_files() {
-    let place = Place::new();
+    let sandbox = Sandbox::new();
     let base = ["--scene", "uniform", "--n", "345", "--backend", "in-process", "--precision", "q8"];
-    let with = |more: &[&str]| run(&place, &[&base[..], more].concat());
+    let with = |more: &[&str]| run(&sandbox, &[&base[..], more].concat());
     let kept = with(&["--out", "before"]);
     assert_eq!(kept.code, Some(0), "{kept:?}");
     assert!(kept.stdout.contains("q8") && kept.stdout.contains("p99"), "{kept:?}");
 
     assert!(kept.stdout.contains("| everywhere"), "{kept:?}");
-    let csv = std::fs::read_to_string(place.file("before/accuracy.csv")).unwrap();
+    let csv = std::fs::read_to_string(sandbox.file("before/accuracy.csv")).unwrap();
     assert!(csv.contains(",times.total_ns.p50,times.total_ns.p99,"), "{csv}");
     let columns: Vec<usize> = csv.lines().map(|line| line.split(',').count()).collect();
     assert!(columns.len() == 2 && columns[0] == columns[1], "{csv}");
-    let page = std::fs::read_to_string(place.file("before").join("report.html")).unwrap();
+    let page = std::fs::read_to_string(sandbox.file("before").join("report.html")).unwrap();
     assert!(page.contains("No pair was missed") && page.trim_end().ends_with("</html>"));
-    let path = place.file("before").join("accuracy.json");
+    let path = sandbox.file("before").join("accuracy.json");
     let before: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
     check_rows(&before, 1, "in-process");
 }

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use super::support::{Place, keys, names};
+use super::support::{Sandbox, keys, names};
 
 fn rows(report: &Value) -> &[Value] {
     assert_eq!(keys(&report["machine"]).len(), 7, "{report}");
@@ -11,9 +11,9 @@ fn rows(report: &Value) -> &[Value] {
 
 #[test]
 fn the_plan_is_judged_scene_by_scene() {
-    let place = Place::new();
+    let sandbox = Sandbox::new();
     let line = "plan --scene uniform,rods --n 70,600 --threads 1";
-    let report = place.run_line(&format!("{line} --json")).json();
+    let report = sandbox.run_line(&format!("{line} --json")).json();
     assert!(report["calibration"].as_str().unwrap().starts_with("built in"), "{report}");
     assert_eq!(rows(&report).len(), 4);
     for row in rows(&report) {
@@ -23,15 +23,15 @@ fn the_plan_is_judged_scene_by_scene() {
         let ratio = (ns("planned_ns") + ns("plan_ns")) as f64 / ns("best_ns") as f64;
         assert!((row["ratio"].as_f64().unwrap() - ratio).abs() < 1e-9, "{row}");
     }
-    let text = place.run_line(line).stdout;
+    let text = sandbox.run_line(line).stdout;
     assert!(text.contains("of 4 above 1.3"), "{text}");
 }
 
 #[test]
 fn speed_ups_stand_beside_the_papers() {
-    let place = Place::new();
+    let sandbox = Sandbox::new();
     let line = "threads --scene cubes,uniform --n 300 --threads 2 --json --out figures";
-    let report = place.run_line(line).json();
+    let report = sandbox.run_line(line).json();
     let fields = "stage scene n engine threads frames least_ns median_ns speed_up paper_ns \
         paper_speed_up";
     // Two scenes, one or two threads: the first stage, and the second with four engines.
@@ -48,10 +48,10 @@ fn speed_ups_stand_beside_the_papers() {
         let speed_ups = [0, 1].map(|i| of_one_and_two[i]["speed_up"].as_f64().unwrap());
         assert!(speed_ups[0] == 1.0 && (speed_ups[1] - one / two).abs() < 1e-9, "{report}");
     }
-    let csv = std::fs::read_to_string(place.file("figures/threads.csv")).unwrap();
+    let csv = std::fs::read_to_string(sandbox.file("figures/threads.csv")).unwrap();
     assert_eq!(csv.lines().count(), 1 + rows(&report).len());
     assert_eq!(csv.lines().next().unwrap().split(',').count(), names(fields).len());
     assert!(csv.contains("update-aabbs,cubes,300,,2,"), "{csv}");
-    let written = std::fs::read_to_string(place.file("figures/threads.json")).unwrap();
+    let written = std::fs::read_to_string(sandbox.file("figures/threads.json")).unwrap();
     assert_eq!(serde_json::from_str::<Value>(&written).unwrap(), report);
 }

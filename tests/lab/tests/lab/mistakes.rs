@@ -1,11 +1,11 @@
 //! Mistakes of users: each is one line on stderr that says what to do.
 
-use super::support::Place;
+use super::support::Sandbox;
 
 #[test]
 fn a_mistake_is_reported_in_one_line() {
-    let place = Place::new();
-    place.boxes(&pairmask_tests::stress_scenes::named("uniform").boxes(70, 1));
+    let sandbox = Sandbox::new();
+    sandbox.boxes(&pairmask_tests::stress_scenes::named("uniform").boxes(70, 1));
     for (line, code, expected) in [
         ("", 2, "a command is missing, one of stress, accuracy"),
         ("stress --case 1 --seed 2", 2, "--case and --seed exclude each other"),
@@ -33,7 +33,7 @@ fn a_mistake_is_reported_in_one_line() {
         ("accuracy --precision f64=-1", 2, "is no mode"),
         ("stress --config absent", 2, "configuration absent: there is no such file"),
     ] {
-        let finished = place.run_line(line);
+        let finished = sandbox.run_line(line);
         assert!(finished.error(code).contains(expected), "{line}: {finished:?}");
         assert_eq!(finished.stdout, "", "{line}");
     }
@@ -41,7 +41,7 @@ fn a_mistake_is_reported_in_one_line() {
 
 #[test]
 fn help_lists_what_works() {
-    let place = Place::new();
+    let sandbox = Sandbox::new();
     for (line, listed, absent) in [
         (
             "stress --help",
@@ -55,7 +55,7 @@ fn help_lists_what_works() {
         ("load --help", &["--instance", "[default: daemon]"], &[]),
         ("--help", &["stress", "accuracy", "load"], &["\n  serve", "\n  client"]),
     ] {
-        let help = place.run_line(line).stdout;
+        let help = sandbox.run_line(line).stdout;
         assert!(listed.iter().all(|flag| help.contains(flag)), "{line}: {help}");
         assert!(!absent.iter().any(|flag| help.contains(flag)), "{line}: {help}");
     }
@@ -65,8 +65,8 @@ fn help_lists_what_works() {
 /// and none is opened: quick, and with or without a GPU.
 #[test]
 fn driver_warnings_are_not_shown() {
-    let place = Place::new();
+    let sandbox = Sandbox::new();
     let line = "accuracy --scene uniform --n 10 --frames 1 --precision exact --backend in-process --gpu auto";
-    let finished = place.run_line(line);
+    let finished = sandbox.run_line(line);
     assert_eq!((finished.code, finished.stderr.as_str()), (Some(0), ""));
 }

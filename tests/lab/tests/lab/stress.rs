@@ -7,7 +7,7 @@ use pairmask_transport::RuntimeDir;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
-use super::support::{LosingDaemon, Place, keys, names};
+use super::support::{LosingDaemon, Sandbox, keys, names};
 
 /// Runs in which an auditor is to notice a lost pair. Beside four busy threads on two cores it notices in
 /// three of four runs.
@@ -15,13 +15,13 @@ const MOST_AUDITED_RUNS: usize = 20;
 
 #[test]
 fn what_is_broken_is_caught_within_seconds_and_replayed() {
-    let place = Place::new();
+    let sandbox = Sandbox::new();
     for (line, broken, modes, what) in [
         ("--engine cpu-sap --mode exact", "--break-engine", &["exact"][..], "is missing"),
         ("--mode q8,f16,f64", "--break-engine=inward", &["q8", "f16", "f64"], "mode"),
     ] {
         let line = format!("stress --seconds 60 {line} {broken} --json");
-        let finished = place.run_line(&line);
+        let finished = sandbox.run_line(&line);
         assert_eq!(finished.code, Some(1), "{finished:?}");
         let report: Value = serde_json::from_str(&finished.stdout).unwrap();
         let fields = "seed subjects cases answers skipped missed extra elapsed_ns failures clients";
@@ -38,12 +38,12 @@ fn what_is_broken_is_caught_within_seconds_and_replayed() {
 
         // The command that is printed, word by word.
         let replay: Vec<&str> = failure["replay"].as_str().unwrap().split(' ').skip(1).collect();
-        let again = place.run(&[&replay[..], &[broken]].concat());
+        let again = sandbox.run(&[&replay[..], &[broken]].concat());
         assert_eq!(again.code, Some(1), "{again:?}");
         for part in [what, "IN the mask", &format!("mode {mode}")] {
             assert!(again.stdout.contains(part), "{part}: {again:?}");
         }
-        assert_eq!(place.run(&replay).code, Some(0), "as it is it answers the case");
+        assert_eq!(sandbox.run(&replay).code, Some(0), "as it is it answers the case");
     }
 }
 
@@ -58,10 +58,10 @@ const MOST_RUNS_WITH_KILLS: usize = 3;
 
 /// Runs four clients of a daemon with this GPU, some of them killed, and checks the report.
 fn four_clients(gpu: &str) -> Value {
-    let place = Place::new();
+    let sandbox = Sandbox::new();
     let line = ["stress", "--clients", "4", "--seconds", "4", "--seed", "9", "--kills", "--json"];
     let run = || {
-        let mut command = place.command(&[&line[..], &["--gpu", gpu]].concat());
+        let mut command = sandbox.command(&[&line[..], &["--gpu", gpu]].concat());
         // Mesa's device-select layer would hide the adapter where no display server runs.
         command.env("NODEVICE_SELECT", "1");
         finish(command.spawn().unwrap(), "pairmask-lab")
@@ -85,7 +85,7 @@ fn four_clients(gpu: &str) -> Value {
     let audit = &daemon["audit"];
     assert!(count(&audit["frames"]) > 0 && count(&audit["pairs"]) > 0, "{report}");
     assert_eq!((&audit["missed"], &audit["extra"]), (&0.into(), &0.into()));
-    place.assert_clean(&[]);
+    sandbox.assert_clean(&[]);
     report
 }
 
@@ -111,15 +111,15 @@ fn clients_of_a_daemon_with_a_gpu_get_their_own_pairs() {
 
 #[test]
 fn clients_notice_a_daemon_that_loses_pairs() {
-    let daemon = command_line::Place::<LosingDaemon>::new();
+    let daemon = command_line::Sandbox::<LosingDaemon>::new();
     let serve = ["serve", "--audit", "1/1", "--max-clients", "64"];
     let serving = daemon.command(&serve).spawn().unwrap();
     let (dir, name) = (RuntimeDir::at(daemon.path()), "default".parse().unwrap());
     eventually("the daemon serves", || dir.read_record(&name));
 
-    let place = Place::new();
+    let sandbox = Sandbox::new();
     let run = |line: &[&str]| {
-        let mut command = place.command(&[line, &["--json"]].concat());
+        let mut command = sandbox.command(&[line, &["--json"]].concat());
         command.env("PAIRMASK_RUNTIME_DIR", daemon.path());
         let finished = finish(command.spawn().unwrap(), "pairmask-lab");
         assert_eq!(finished.code, Some(1), "{finished:?}");

@@ -11,7 +11,7 @@ impl Program for PairmaskLab {
     const NAME: &str = "pairmask-lab";
 }
 
-pub type Place = command_line::Place<PairmaskLab>;
+pub type Sandbox = command_line::Sandbox<PairmaskLab>;
 
 pub struct LosingDaemon;
 

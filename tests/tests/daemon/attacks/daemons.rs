@@ -17,16 +17,16 @@ use super::{Attacker, InTurn};
 
 /// The place of an attacker that serves, itself, and a session of it.
 fn hostile_daemon(mode: &'static str, encoding: EncodingChoice) -> (TestDaemon, Attacker, Session) {
-    let place = TestDaemon::idle(pairmaskd(), &[]);
-    let attacker = Attacker::start(place.path(), mode);
-    let builder = place.session().encoding(encoding).deadline(Duration::from_secs(5));
+    let slot = TestDaemon::idle(pairmaskd(), &[]);
+    let attacker = Attacker::start(slot.path(), mode);
+    let builder = slot.session().encoding(encoding).deadline(Duration::from_secs(5));
     let session = eventually("the hostile daemon serves", || builder.clone().connect().ok());
-    (place, attacker, session)
+    (slot, attacker, session)
 }
 
 #[test]
 fn an_answer_longer_than_its_memory_is_refused() {
-    let (_place, attacker, mut session) = hostile_daemon("daemon", EncodingChoice::Auto);
+    let (_slot, attacker, mut session) = hostile_daemon("daemon", EncodingChoice::Auto);
     let end = Instant::now() + attack_time();
     let mut refused = 0;
     let mut accepted = 0;
@@ -49,7 +49,7 @@ fn an_answer_longer_than_its_memory_is_refused() {
 #[test]
 fn a_list_that_changes_while_it_is_read_names_no_box_that_is_not_there() {
     let list = EncodingChoice::Only(Encoding::List);
-    let (_place, attacker, mut session) = hostile_daemon("lists", list);
+    let (_slot, attacker, mut session) = hostile_daemon("lists", list);
     let n = PAIRS as u32 + 1;
     let is_pair = |[a, b]: [u32; 2]| a < b && b < n;
     let end = Instant::now() + attack_time();
@@ -58,7 +58,7 @@ fn a_list_that_changes_while_it_is_read_names_no_box_that_is_not_there() {
     let is_seen = |dropped: u64, broken: u64| dropped > 10 && broken > 10;
     let goes_on = |dropped, broken| {
         let now = Instant::now();
-        now < end || !is_seen(dropped, broken) && now < end + PATIENCE
+        now < end || !is_seen(dropped, broken) && now < end + TIMEOUT
     };
     while goes_on(dropped, broken) {
         let mut frame = session.frame(n as usize).unwrap();

@@ -1,4 +1,4 @@
-//! Attacks, repeated for two seconds each or for `PAIRMASK_ATTACK_SECONDS`. Whatever an attacker
+//! Attacks, repeated for two seconds each or for `PAIRMASK_ATTACK_SECONDS`. Regardless of what an attacker
 //! writes to memory that it has mapped, honest clients beside it get right answers, and the
 //! instance serves again.
 //!
@@ -22,7 +22,7 @@ use pairmask_tests::fault_client::FaultClient;
 use pairmask_tests::filtered_frames::{FilteredFrame, KINDS};
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{Edits, Grouped, Kind, SessionScene, hold};
-use pairmask_wire::items_in_mut;
+use pairmask_wire::entries_in_mut;
 
 fn scene(n: u32, seed: u64) -> Vec<Aabb> {
     stress_scenes::named("uniform").boxes(n, seed)
@@ -143,7 +143,7 @@ fn honest_beside(daemon: &TestDaemon, mode: &'static str, mut honest: impl FnMut
     };
     // How much an attacker comes to do goes by the machine: as many attackers as it takes, one after the other.
     while !is_enough(&counts) {
-        assert!(begin.elapsed() < attack_time() + PATIENCE, "{counts:?}");
+        assert!(begin.elapsed() < attack_time() + TIMEOUT, "{counts:?}");
         let attacker = Attacker::start(daemon.path(), mode);
         let end = Instant::now() + attack_time();
         while Instant::now() < end {
@@ -200,7 +200,7 @@ fn forged_queries_leave_the_scenes_of_others_alone() {
         let edit = grouped.steps().into_iter().fold(scene.edit(), SceneEdit::step);
         drop(edit.commit(Report::Nothing).unwrap());
         let queries: Vec<_> = source.model().boxes().take(40).collect();
-        let expected = source.model().query(&queries, QueryTags::None);
+        let expected = source.model().query(&queries, QueryFilterData::None);
         assert_eq!(scene.query(&queries).unwrap().to_vec(), expected);
     });
 }
@@ -217,7 +217,7 @@ fn forged_members_leave_the_boxes_of_others_alone() {
     first.lease(0..10).unwrap();
     let mut second = other.scene(options.with_shared(SHARED_SCENE)).unwrap();
     second.lease(10..20).unwrap();
-    // Far from whatever the attacker may set.
+    // Far from all that the attacker may set.
     let at = |x: f32| Aabb::new([1e6 + x, 0.0, 0.0], [1e6 + x + 0.5, 1.0, 1.0]);
     let mut ticks = 0u32;
     honest_beside(&daemon, "shared", || {
@@ -253,7 +253,7 @@ fn a_request_in_the_name_of_another_is_not_answered() {
         let mut loan = client.loan(1).unwrap();
         *loan.user_header_mut() = cull(token, 0, 0, EngineChoice::Auto);
         let pending = client.send(loan).unwrap();
-        answer(&pending, PATIENCE).unwrap();
+        answer(&pending, TIMEOUT).unwrap();
         client
     };
     let (attacker, victim) = (connect(1001), connect(77));
@@ -261,7 +261,7 @@ fn a_request_in_the_name_of_another_is_not_answered() {
     let asked = cull(77, 5, 10, EngineChoice::Auto);
     let send = |client: &RawClient, same: Aabb, words: &[(usize, u64)]| {
         let mut loan = client.loan(2).unwrap();
-        items_in_mut(loan.payload_mut(), BoxCount::new(10)).unwrap().fill(same);
+        entries_in_mut(loan.payload_mut(), BoxCount::new(10)).unwrap().fill(same);
         *loan.user_header_mut() = asked;
         for (index, value) in words {
             write(word(loan.header(), *index), *value);
@@ -273,7 +273,7 @@ fn a_request_in_the_name_of_another_is_not_answered() {
         .map(|index| (index, read(word(honest.header(), index))));
     let forged = send(&attacker, Aabb::EMPTY, &words);
     daemon.signal_worker(Signal::CONT);
-    let header = answer(&honest, PATIENCE).unwrap();
+    let header = answer(&honest, TIMEOUT).unwrap();
     assert_eq!((header.frame, header.pair_count), (5, 45));
     assert!(answer(&forged, Duration::from_millis(50)).is_none());
 }

@@ -37,37 +37,37 @@ impl Groups {
         self.sorted = None;
         let width = (i64::from(span[1]) - i64::from(span[0]) + 1).unsigned_abs() as usize;
         // World::ALL has the place after the last.
-        let place = |index: u32| match rules.tag(index).world {
+        let slot = |index: u32| match rules.filter_data(index).world {
             World::ALL => width,
             World(world) => (i64::from(world) - i64::from(span[0])) as usize,
         };
         self.worlds.clear();
         self.members.clear();
-        if (0..n as u32).is_sorted_by_key(place) {
+        if (0..n as u32).is_sorted_by_key(slot) {
             self.members.extend(0..n as u32);
         } else if width <= COUNTED_SPAN * n {
             self.members.resize(n, 0);
-            self.sort_by_counting(n, width, place);
+            self.sort_by_counting(n, width, slot);
         } else {
             self.members.extend(0..n as u32);
-            self.members.sort_by_key(|index| place(*index));
+            self.members.sort_by_key(|index| slot(*index));
         }
         let mut start = 0;
         let members = &self.members;
-        for alike in members.chunk_by(|a, b| place(*a) == place(*b)) {
+        for alike in members.chunk_by(|a, b| slot(*a) == slot(*b)) {
             let (first, end) = (alike[0], start + alike.len());
-            self.worlds.push(Group { world: rules.tag(first).world, members: start..end });
+            self.worlds.push(Group { world: rules.filter_data(first).world, members: start..end });
             start = end;
         }
         self.worlds.sort_by_key(|group| group.world);
         self.sorted = sorted;
     }
 
-    fn sort_by_counting(&mut self, n: usize, width: usize, place: impl Fn(u32) -> usize) {
+    fn sort_by_counting(&mut self, n: usize, width: usize, slot: impl Fn(u32) -> usize) {
         self.starts.clear();
         self.starts.resize(width + 2, 0);
         for index in 0..n as u32 {
-            self.starts[place(index) + 1] += 1;
+            self.starts[slot(index) + 1] += 1;
         }
         let mut sum = 0;
         for start in &mut self.starts {
@@ -75,7 +75,7 @@ impl Groups {
             *start = sum;
         }
         for index in 0..n as u32 {
-            let next = &mut self.starts[place(index)];
+            let next = &mut self.starts[slot(index)];
             self.members[*next as usize] = index;
             *next += 1;
         }

@@ -1,6 +1,6 @@
 //! The kinds of a frame's boxes, and which of them meet.
 
-use crate::filters::{FilterId, Rules, Tag};
+use crate::filters::{FilterData, FilterId, Rules};
 use crate::team::{for_each_in_parts, in_parts, part_count};
 
 /// Kinds up to which each block of columns has a word a kind: those of its columns that the kind meets.
@@ -14,20 +14,21 @@ const TASK_BOXES: usize = 8_192;
 pub struct Kinds(Vec<(FilterId, bool)>);
 
 impl Kinds {
-    /// The kinds of `count` tags, and that of each tag. `None` where there are more than `most`, 256 at
+    /// The kinds of `count` entries of filter data, and that of each entry of filter data. `None` where there are more than `most`, 256 at
     /// the most.
     pub fn of(
         rules: &Rules,
         count: usize,
-        tag: impl Fn(u32) -> Tag + Sync,
+        filter_data: impl Fn(u32) -> FilterData + Sync,
         most: usize,
         kind_of: &mut Vec<u8>,
         threads: usize,
     ) -> Option<Self> {
         // Filters that are not in the table are one more kind: all of them meet everything.
         let beyond = rules.table.filters().len();
-        let place =
-            |tag: Tag| 2 * usize::from(tag.filter.0).min(beyond) + usize::from(tag.is_static());
+        let slot = |filter_data: FilterData| {
+            2 * usize::from(filter_data.filter.0).min(beyond) + usize::from(filter_data.is_static())
+        };
         let parts = part_count(count, TASK_BOXES, threads);
         kind_of.resize(count, 0);
         let step = count.div_ceil(parts).max(1);
@@ -37,7 +38,9 @@ impl Kinds {
         let look = |work: &mut [(u32, &mut [u8])]| {
             let mut seen = vec![false; 2 * (beyond + 1)];
             for (first, kinds) in work {
-                (*first..).zip(&**kinds).for_each(|(index, _)| seen[place(tag(index))] = true);
+                (*first..)
+                    .zip(&**kinds)
+                    .for_each(|(index, _)| seen[slot(filter_data(index))] = true);
             }
             seen
         };
@@ -46,19 +49,19 @@ impl Kinds {
             all
         };
         let seen = in_parts(work.as_mut_slice(), parts, &look, &join);
-        let places: Vec<usize> = (0..seen.len()).filter(|place| seen[*place]).collect();
-        if places.len() > most {
+        let slots: Vec<usize> = (0..seen.len()).filter(|slot| seen[*slot]).collect();
+        if slots.len() > most {
             return None;
         }
         let mut kinds = vec![0; seen.len()];
-        for (kind, place) in places.iter().enumerate() {
-            kinds[*place] = kind as u8;
+        for (kind, slot) in slots.iter().enumerate() {
+            kinds[*slot] = kind as u8;
         }
         for_each_in_parts(&mut work, parts, |(first, of)| {
-            (*first..).zip(&mut **of).for_each(|(index, of)| *of = kinds[place(tag(index))]);
+            (*first..).zip(&mut **of).for_each(|(index, of)| *of = kinds[slot(filter_data(index))]);
         });
-        let kind = |place: &usize| (FilterId((place / 2) as u16), place % 2 == 1);
-        Some(Self(places.iter().map(kind).collect()))
+        let kind = |slot: &usize| (FilterId((slot / 2) as u16), slot % 2 == 1);
+        Some(Self(slots.iter().map(kind).collect()))
     }
 
     /// For each kind, `words` words with a bit for each that it meets.

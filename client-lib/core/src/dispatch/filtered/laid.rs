@@ -1,4 +1,4 @@
-//! The tags of a frame, laid out by the engine's position, so that a word's test reads few lines.
+//! The filter data of a frame, laid out by the engine's position, so that a word's test reads few lines.
 
 // `&` and `|`: a branch costs more than the second operand.
 #![allow(clippy::needless_bitwise_bool)]
@@ -9,10 +9,10 @@ use super::sift_avx512;
 #[cfg(target_arch = "x86_64")]
 use crate::engine::Isa;
 use crate::engine::{AvailableIsa, sift_each};
-use crate::filters::{Owner, Rules, Tag, World};
+use crate::filters::{FilterData, Owner, Rules, World};
 use crate::team::{for_each_in_parts, part_count};
 
-/// Boxes of a task that lays tags out, at least. A whole number of blocks.
+/// Boxes of a task that lays filter data out, at least. A whole number of blocks.
 const TASK_BOXES: usize = 8_192;
 pub const BLOCK: usize = 32;
 /// Kinds behind the last, so that the kind of each position can be read as the lowest of four bytes.
@@ -26,7 +26,7 @@ pub struct ByPair {
     pub worlds: bool,
 }
 
-/// The tags of a frame by the engine's position.
+/// The filter data of a frame by the engine's position.
 #[derive(Debug, Default)]
 pub struct Laid {
     by_pair: ByPair,
@@ -51,17 +51,17 @@ impl Laid {
             + self.kinds.capacity()
     }
 
-    /// Lays out the tags of `count` boxes; `tag` gives that of a culled box, and `order` the culled box at
+    /// Lays out the filter data of `count` boxes; `filter_data` gives that of a culled box, and `order` the culled box at
     /// each position, or is empty where they are the same. `false` where there are too many kinds.
     pub fn lay_out(
         &mut self,
         (rules, by_pair): (&Rules, ByPair),
         count: usize,
         order: &[u32],
-        tag: impl Fn(u32) -> Tag + Sync,
+        filter_data: impl Fn(u32) -> FilterData + Sync,
         threads: usize,
     ) -> bool {
-        let kinds = Kinds::of(rules, count, &tag, MOST_KINDS, &mut self.kind_of, threads);
+        let kinds = Kinds::of(rules, count, &filter_data, MOST_KINDS, &mut self.kind_of, threads);
         let Some(kinds) = kinds else { return false };
         let meets = kinds.meets(rules, 1);
         let blocks = count.div_ceil(BLOCK);
@@ -91,7 +91,7 @@ impl Laid {
         let culled = |position: usize| order.get(position).map_or(position as u32, |index| *index);
         let kind_of = self.kind_of.as_slice();
         for_each_in_parts(&mut work, parts, |part| {
-            part.lay_out(|at| kind_of[culled(at) as usize], &meets, |at| tag(culled(at)));
+            part.lay_out(|at| kind_of[culled(at) as usize], &meets, |at| filter_data(culled(at)));
         });
         true
     }
@@ -146,17 +146,22 @@ struct Part<'a> {
 
 impl Part<'_> {
     /// `meets` has the kinds that each kind meets.
-    fn lay_out(&mut self, kind: impl Fn(usize) -> u8, meets: &[u32], tag: impl Fn(usize) -> Tag) {
+    fn lay_out(
+        &mut self,
+        kind: impl Fn(usize) -> u8,
+        meets: &[u32],
+        filter_data: impl Fn(usize) -> FilterData,
+    ) {
         for (at, laid) in (self.first..).zip(&mut *self.kinds) {
             *laid = kind(at);
         }
         // The last block's boxes that are none have no bits.
         let end = self.first + self.kinds.len();
         for (at, laid) in (self.first..end).zip(&mut *self.owners) {
-            *laid = tag(at).owner.0;
+            *laid = filter_data(at).owner.0;
         }
         for (at, laid) in (self.first..end).zip(&mut *self.worlds) {
-            *laid = tag(at).world.0;
+            *laid = filter_data(at).world.0;
         }
         let blocks = self.columns.chunks_exact_mut(meets.len());
         for (columns, kinds) in blocks.zip(self.kinds.chunks(BLOCK)) {
@@ -195,12 +200,12 @@ mod tests {
             (0..filters).map(|_| Filter::new(random.below(16), random.below(16))).collect();
         rules.table = FilterTable::new(&table).expect("few filters");
         let worlds = [World(3), World(4), World::ALL];
-        rules.tags = (0..n)
+        rules.filter_data = (0..n)
             .map(|_| {
                 let owner = Owner(random.below(4) as u32);
                 let filter = FilterId(random.below(filters + 1) as u16);
-                let tag = Tag::new(worlds[random.below(3) as usize], owner, filter);
-                tag.with_static(random.below(5) == 0)
+                let filter_data = FilterData::new(worlds[random.below(3) as usize], owner, filter);
+                filter_data.with_static(random.below(5) == 0)
             })
             .collect();
         rules
@@ -227,12 +232,21 @@ mod tests {
             for by_pair in [(false, false), (true, false), (false, true), (true, true)] {
                 let by_pair = ByPair { owners: by_pair.0, worlds: by_pair.1 };
                 let meets = |a: u32, b: u32| {
-                    let tag = |at: u32| {
-                        let tag = rules.tag(order[at as usize]);
-                        let tag = if by_pair.owners { tag } else { tag.with_owner(Owner::NONE) };
-                        if by_pair.worlds { tag } else { tag.with_world(World(0)) }
+                    let filter_data = |at: u32| {
+                        let filter_data = rules.filter_data(order[at as usize]);
+                        let filter_data = if by_pair.owners {
+                            filter_data
+                        } else {
+                            filter_data.with_owner(Owner::NONE)
+                        };
+                        if by_pair.worlds { filter_data } else { filter_data.with_world(World(0)) }
                     };
-                    crate::filters::decide(&tag(a), &tag(b), &rules.table, Default::default)
+                    crate::filters::decide(
+                        &filter_data(a),
+                        &filter_data(b),
+                        &rules.table,
+                        Default::default,
+                    )
                 };
                 let kept = |[row, block, bits]: &[u32; 3]| {
                     let columns = (0..32).filter(|column| bits >> column & 1 == 1);
@@ -248,14 +262,14 @@ mod tests {
                 let went = ones(&words) - ones(&expected);
                 for isa in Isa::ALL.into_iter().filter_map(AvailableIsa::new) {
                     let mut laid = Laid::default();
-                    let tag = |culled| rules.tag(culled);
-                    assert!(laid.lay_out((&rules, by_pair), n, &order, tag, 1));
+                    let filter_data = |culled| rules.filter_data(culled);
+                    assert!(laid.lay_out((&rules, by_pair), n, &order, filter_data, 1));
                     let (mut rows, mut blocks, mut bits) = (of(0), of(1), of(2));
-                    let (kept, gone) = laid.sift([&mut rows, &mut blocks, &mut bits], isa);
+                    let (kept, ended) = laid.sift([&mut rows, &mut blocks, &mut bits], isa);
                     let kept: Vec<[u32; 3]> =
                         (0..kept).map(|at| [rows[at], blocks[at], bits[at]]).collect();
                     assert!(kept == expected, "{n} boxes, {by_pair:?}, {}", isa.get());
-                    assert_eq!(gone, went);
+                    assert_eq!(ended, went);
                 }
             }
         }
@@ -265,14 +279,15 @@ mod tests {
     fn too_many_kinds_are_not_laid_out() {
         let mut rules = Rules::default();
         rules.table = FilterTable::new(&[Filter::ALL; 40]).expect("few filters");
-        rules.tags = (0..100).map(|at| Tag::default().with_filter(FilterId(at % 33))).collect();
+        rules.filter_data =
+            (0..100).map(|at| FilterData::default().with_filter(FilterId(at % 33))).collect();
         let lay_out = |rules: &Rules| {
-            let tag = |index| rules.tag(index);
-            Laid::default().lay_out((rules, ByPair::default()), 100, &[], tag, 1)
+            let filter_data = |index| rules.filter_data(index);
+            Laid::default().lay_out((rules, ByPair::default()), 100, &[], filter_data, 1)
         };
         assert!(!lay_out(&rules));
-        rules.tags.truncate(32);
-        rules.tags.resize(100, Tag::default());
+        rules.filter_data.truncate(32);
+        rules.filter_data.resize(100, FilterData::default());
         assert!(lay_out(&rules));
     }
 }

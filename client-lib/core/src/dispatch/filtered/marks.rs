@@ -7,7 +7,7 @@ use super::look::Look;
 use crate::filters::{Rules, World};
 use crate::team;
 
-/// Kinds that are told apart, at most: a filter, and whether the box is static. Their table takes 8 KiB.
+/// Kinds that are distinguished, at most: a filter, and whether the box is static. Their table takes 8 KiB.
 pub const MARKED_KINDS: usize = 256;
 /// Bit of a mark from which on it has the rank of the box's world; the bits below are its kind, and whether
 /// a list of pairs names it.
@@ -39,14 +39,14 @@ impl Marks {
         let _team = team::enter(threads);
         let look = Look::at(rules, n);
         let mut kind_of = Vec::new();
-        let tag = |index| rules.tag(index);
-        let kinds = Kinds::of(rules, n, tag, MARKED_KINDS, &mut kind_of, threads)?;
+        let filter_data = |index| rules.filter_data(index);
+        let kinds = Kinds::of(rules, n, filter_data, MARKED_KINDS, &mut kind_of, threads)?;
         let mut words = kinds.meets(rules, KIND_WORDS);
         words.resize(MARKED_KINDS * KIND_WORDS, 0);
         let first_box = words.len();
         words.reserve(2 * n);
         for (index, kind) in (0..).zip(&kind_of) {
-            words.extend([tag(index).owner.0, u32::from(*kind)]);
+            words.extend([filter_data(index).owner.0, u32::from(*kind)]);
         }
         let mark_at = |index: u32| first_box + 2 * index as usize + 1;
         let has_lists = !rules.lists.is_empty();
@@ -149,20 +149,20 @@ mod tests {
     #[test]
     fn worlds_have_ranks_and_boxes_of_all_worlds_have_no_marks() {
         let mut rules = Rules::default();
-        let of = |world| crate::filters::Tag::default().with_world(World(world));
-        rules.tags = vec![of(7), of(-3), of(7).with_owner(Owner(5))];
+        let of = |world| crate::filters::FilterData::default().with_world(World(world));
+        rules.filter_data = vec![of(7), of(-3), of(7).with_owner(Owner(5))];
         let marks = Marks::of(&rules, 3, 1).expect("marks");
         assert_eq!(marks.worlds(), [World(-3), World(7)]);
         assert_eq!(marks.largest_world(), 2);
         assert_eq!(meet(&marks, 0, 2), Some(true));
         assert_eq!(meet(&marks, 0, 1), Some(false));
         assert!(!marks.has_lists());
-        rules.tags.push(of(-1));
+        rules.filter_data.push(of(-1));
         assert_eq!(Marks::of(&rules, 4, 1), None);
-        rules.tags.pop();
+        rules.filter_data.pop();
         rules.lists.exclude([0, 2], true);
         assert_eq!(Marks::of(&rules, 3, 1), None, "lists and worlds");
-        rules.tags.clear();
+        rules.filter_data.clear();
         let marks = Marks::of(&rules, 3, 1).expect("lists alone");
         assert_eq!((meet(&marks, 0, 2), meet(&marks, 0, 1)), (None, Some(true)));
         assert!(marks.has_lists() && marks.worlds().is_empty());

@@ -160,7 +160,7 @@ struct Masked<'a> {
 
 /// Items of a part of a mask, and how many of them are kept, at its beginning.
 struct Part<T> {
-    items: T,
+    entries: T,
     kept: usize,
     pairs: u64,
 }
@@ -232,17 +232,22 @@ impl Masked<'_> {
         let step = rows.len().div_ceil(parts).max(1);
         let chunks = blocks.chunks_mut(step).zip(bits.chunks_mut(step));
         let chunks = rows.chunks_mut(step).zip(chunks);
-        let part = |(rows, (blocks, bits))| Part { items: [rows, blocks, bits], kept: 0, pairs: 0 };
+        let part =
+            |(rows, (blocks, bits))| Part { entries: [rows, blocks, bits], kept: 0, pairs: 0 };
         let mut work: Vec<Part<[&mut [u32]; 3]>> = chunks.map(part).collect();
-        for_each_in_parts(&mut work, parts, |Part { items: [rows, blocks, bits], kept, pairs }| {
-            for at in 0..rows.len() {
-                let (row, block) = (rows[at], blocks[at]);
-                let left = self.passing(row, block, bits[at]);
-                (rows[*kept], blocks[*kept], bits[*kept]) = (row, block, left);
-                *kept += usize::from(left != 0);
-                *pairs += u64::from(left.count_ones());
-            }
-        });
+        for_each_in_parts(
+            &mut work,
+            parts,
+            |Part { entries: [rows, blocks, bits], kept, pairs }| {
+                for at in 0..rows.len() {
+                    let (row, block) = (rows[at], blocks[at]);
+                    let left = self.passing(row, block, bits[at]);
+                    (rows[*kept], blocks[*kept], bits[*kept]) = (row, block, left);
+                    *kept += usize::from(left != 0);
+                    *pairs += u64::from(left.count_ones());
+                }
+            },
+        );
         let pairs = work.iter().map(|part| part.pairs).sum();
         let kept: Vec<usize> = work.iter().map(|part| part.kept).collect();
         drop(work);
@@ -256,12 +261,12 @@ impl Masked<'_> {
     fn list(&self, pairs: &mut [[u32; 2]], threads: usize) -> u64 {
         let parts = part_count(pairs.len(), TASK_ITEMS, threads);
         let step = pairs.len().div_ceil(parts).max(1);
-        let part = |items| Part { items, kept: 0, pairs: 0 };
+        let part = |entries| Part { entries, kept: 0, pairs: 0 };
         let mut work: Vec<Part<&mut [[u32; 2]]>> = pairs.chunks_mut(step).map(part).collect();
-        for_each_in_parts(&mut work, parts, |Part { items, kept, .. }| {
-            for at in 0..items.len() {
-                let [a, b] = items[at];
-                items[*kept] = [a, b];
+        for_each_in_parts(&mut work, parts, |Part { entries, kept, .. }| {
+            for at in 0..entries.len() {
+                let [a, b] = entries[at];
+                entries[*kept] = [a, b];
                 *kept += usize::from(self.passing(a, b / BLOCK, 1 << (b % BLOCK)) != 0);
             }
         });
@@ -273,12 +278,12 @@ impl Masked<'_> {
 }
 
 /// Moves the items that each chunk has kept, at its beginning, behind those of the chunk before.
-fn close_gaps<T: Copy>(items: &mut [T], step: usize, kept: &[usize]) {
+fn close_gaps<T: Copy>(entries: &mut [T], step: usize, kept: &[usize]) {
     let mut end = 0;
     for (chunk, kept) in kept.iter().enumerate() {
         let first = chunk * step;
         if first != end {
-            items.copy_within(first..first + kept, end);
+            entries.copy_within(first..first + kept, end);
         }
         end += kept;
     }

@@ -1,7 +1,7 @@
 //! Frames of which only those pairs count that [`Rules`] let meet.
 //!
 //! ```text
-//! look     one pass over the tags: what there is to test at all        (look)
+//! look     one pass over the filter data: what there is to test at all        (look)
 //! worlds   several worlds: boxes by world, each culled by itself       (groups, worlds, small)
 //! test     else one frame, whose engine hands its words to the test    (test, kinds, laid, sift_avx512)
 //! marks    the rules as arrays, for the GPU's grid                     (marks)
@@ -81,7 +81,7 @@ impl CpuEngines {
         self.cull_filtered_known(boxes, rules, None, options, reply)
     }
 
-    /// As [`cull_filtered`](Self::cull_filtered), with rules that have a number: whoever gives rules one
+    /// As [`cull_filtered`](Self::cull_filtered), with rules that have a number: a caller that gives rules one
     /// to these engines gives other rules another. What was found of the rules of the last number, which
     /// boxes are of which world first of all, is not found again.
     ///

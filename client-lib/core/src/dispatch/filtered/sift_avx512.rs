@@ -70,10 +70,10 @@ fn sift_kinds(laid: &Laid, [rows, blocks, bits]: [&mut [u32]; 3]) -> usize {
             _mm512_mask_i32gather_epi32::<1>(zero, within, word[0], kinds.as_ptr().cast())
         };
         let kind = _mm512_and_si512(kind, _mm512_set1_epi32(0xFF));
-        let place = _mm512_add_epi32(_mm512_mullo_epi32(word[1], kind_count), kind);
+        let slot = _mm512_add_epi32(_mm512_mullo_epi32(word[1], kind_count), kind);
         // SAFETY: the lanes that are gathered name a block and one of its kinds.
         let met = unsafe {
-            _mm512_mask_i32gather_epi32::<4>(zero, within, place, columns.as_ptr().cast())
+            _mm512_mask_i32gather_epi32::<4>(zero, within, slot, columns.as_ptr().cast())
         };
         let passing = _mm512_and_si512(word[2], met);
         let stay = _mm512_mask_test_epi32_mask(lanes, passing, passing);

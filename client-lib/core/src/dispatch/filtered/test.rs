@@ -5,7 +5,7 @@ use super::look::Look;
 use crate::engine::{AvailableIsa, PairTest, Prepared, sift_each};
 use crate::filters::{Rules, decide};
 
-/// Boxes up to which pairs are decided one by one: to lay tags out would take longer.
+/// Boxes up to which pairs are decided one by one: to lay filter data out would take longer.
 const FEW_BOXES: usize = 64;
 /// Which boxes of a frame are culled.
 #[derive(Clone, Copy, Debug)]
@@ -65,7 +65,7 @@ impl<'a> FilterTest<'a> {
         let culled = |at: u32| order.get(at as usize).map_or(at, |index| *index);
         let row = culled(row);
         let one = self.indices.global(row);
-        let (tag, is_of_all) = (self.rules.tag(one), self.indices.is_of_all(row));
+        let (filter_data, is_of_all) = (self.rules.filter_data(one), self.indices.is_of_all(row));
         let (mut passing, mut rest) = (0, bits);
         while rest != 0 {
             let column = rest.trailing_zeros();
@@ -73,7 +73,7 @@ impl<'a> FilterTest<'a> {
             let other = self.indices.global(at);
             let Rules { table, lists, .. } = self.rules;
             let listed = || lists.listed(one, other);
-            let meet = decide(&tag, &self.rules.tag(other), table, listed)
+            let meet = decide(&filter_data, &self.rules.filter_data(other), table, listed)
                 && !(is_of_all && self.indices.is_of_all(at));
             passing |= u32::from(meet) << column;
             rest &= rest - 1;
@@ -108,13 +108,13 @@ impl PairTest for FilterTest<'_> {
     }
 
     fn prepare(&self, count: usize, order: &[u32], threads: usize) {
-        // Boxes of all worlds beside those of one are told by their indices.
+        // Boxes of all worlds beside those of one are reported by their indices.
         let is_plain = matches!(self.indices, Indices::Same | Indices::Of(_, []));
         if count <= FEW_BOXES || !is_plain {
             return;
         }
-        let tag = |culled: u32| self.rules.tag(self.indices.global(culled));
+        let filter_data = |culled: u32| self.rules.filter_data(self.indices.global(culled));
         let rules = (self.rules, self.by_pair);
-        self.laid.prepare(|laid| laid.lay_out(rules, count, order, tag, threads));
+        self.laid.prepare(|laid| laid.lay_out(rules, count, order, filter_data, threads));
     }
 }

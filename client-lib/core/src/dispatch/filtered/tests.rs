@@ -6,7 +6,7 @@
 use super::*;
 use crate::aabb::Aabb;
 use crate::engine::{EngineChoice, EngineName, HeapReply};
-use crate::filters::{Filter, FilterId, FilterTable, Owner, Tag};
+use crate::filters::{Filter, FilterData, FilterId, FilterTable, Owner};
 use crate::mask::MaskView;
 use crate::oracle::{self, Truth};
 pub(super) use crate::random::Random;
@@ -64,20 +64,20 @@ pub(super) fn rules(random: &mut Random, n: usize, kind: Kind) -> Rules {
             .collect();
         rules.table = FilterTable::new(&filters).expect("few filters");
     }
-    // The last boxes have no tag, and some name a filter that is not in the table.
+    // The last boxes have no filter data, and some name a filter that is not in the table.
     let past = u64::from(random.below(2) == 0);
     for _ in 0..n - n / 9 {
         let world = World(kind.worlds[random.below(kind.worlds.len() as u64) as usize]);
-        let mut tag = Tag::default().with_world(world);
+        let mut filter_data = FilterData::default().with_world(world);
         if kind.filters > 0 {
-            tag = Tag::new(
+            filter_data = FilterData::new(
                 world,
                 Owner(random.below(5) as u32),
                 FilterId(random.below(kind.filters + past) as u16),
             )
             .with_static(random.below(7) == 0);
         }
-        rules.tags.push(tag);
+        rules.filter_data.push(filter_data);
     }
     if kind.lists && n > 1 {
         for _ in 0..n {
@@ -132,14 +132,14 @@ fn check_ranges(answer: &FilteredAnswer<'_>, pairs: &[[u32; 2]], n: usize, rules
         assert_eq!(range.pairs.start, end);
         end = range.pairs.end;
         for [a, b] in &pairs[range.pairs.clone()] {
-            let of = [*a, *b].map(|index| rules.tag(index).world);
+            let of = [*a, *b].map(|index| rules.filter_data(index).world);
             let world = if of[0] == World::ALL { of[1] } else { of[0] };
             assert_eq!(world, range.world, "{a} and {b}");
         }
     }
     assert!(answer.worlds.is_sorted_by(|a, b| a.world < b.world));
     for index in 0..n as u32 {
-        assert!(answer.range_of(rules.tag(index).world).is_some());
+        assert!(answer.range_of(rules.filter_data(index).world).is_some());
     }
     assert_eq!(answer.range_of(World(123_456)), None);
 }
@@ -234,14 +234,14 @@ fn many_worlds_give_the_same_bytes_on_all_thread_counts() {
     let boxes = random.boxes(6_000);
     let mut rules = Rules::default();
     // Some worlds are runs of indices, others are mixed; one is much larger than the others.
-    rules.tags = (0..6_000)
+    rules.filter_data = (0..6_000)
         .map(|at| match at {
             0..2_000 => at / 25,
             2_000..4_000 => 100 + random.below(60) as i32,
             4_000..4_010 => -1,
             _ => 500,
         })
-        .map(|world| Tag::default().with_world(World(world)))
+        .map(|world| FilterData::default().with_world(World(world)))
         .collect();
     let mut first: Option<Vec<u32>> = None;
     for threads in [1, 2, 3, 5] {
@@ -263,7 +263,8 @@ fn many_worlds_give_the_same_bytes_on_all_thread_counts() {
 fn a_list_that_does_not_fit_becomes_a_smaller_mask_or_an_error() {
     let boxes = vec![Aabb::new([0.0; 3], [1.0; 3]); 200];
     let mut rules = Rules::default();
-    rules.tags = (0..200).map(|at| Tag::default().with_world(World(at / 100))).collect();
+    rules.filter_data =
+        (0..200).map(|at| FilterData::default().with_world(World(at / 100))).collect();
     let mut reply = HeapReply::with_limit_bytes(8_000);
     let mut engines = CpuEngines::new();
     let answer =
@@ -323,7 +324,8 @@ fn rules_of_a_known_number_are_looked_at_once_and_others_anew() {
 fn rules_that_keep_the_number_of_others_are_not_looked_at() {
     let of_worlds = |worlds: [i32; 4]| {
         let mut rules = Rules::default();
-        rules.tags = worlds.map(|world| Tag::default().with_world(World(world))).to_vec();
+        rules.filter_data =
+            worlds.map(|world| FilterData::default().with_world(World(world))).to_vec();
         rules
     };
     let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 4];

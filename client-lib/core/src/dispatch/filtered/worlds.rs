@@ -251,7 +251,7 @@ impl Worlds {
         let mut boxes = [0; EngineName::CPU.len()];
         for group in self.groups.groups() {
             let engine = engine_of(choice, group.members.len() + of_all);
-            boxes[place(engine)] += group.members.len();
+            boxes[index_of(engine)] += group.members.len();
         }
         let most = (0..boxes.len()).max_by_key(|at| boxes[*at]).unwrap_or(0);
         EngineName::CPU[most]
@@ -268,7 +268,7 @@ fn engine_of(choice: EngineChoice, n: usize) -> EngineName {
 }
 
 /// Its place among the engines of the CPU.
-fn place(engine: EngineName) -> usize {
+fn index_of(engine: EngineName) -> usize {
     EngineName::CPU.iter().position(|name| *name == engine).unwrap_or(0)
 }
 
@@ -382,9 +382,9 @@ impl Task {
             .threads(if is_shared { scene.threads } else { 1 })
             .may_hand_over(scene.choice == EngineChoice::Auto)
             .rules(rules);
-        let mut done = self.engines[place(engine)].cull(&input, &mut self.reply);
+        let mut done = self.engines[index_of(engine)].cull(&input, &mut self.reply);
         if matches!(done, Err(CullError::TooCrowded { .. })) {
-            done = self.engines[place(TAKES_OVER)].cull(&input, &mut self.reply);
+            done = self.engines[index_of(TAKES_OVER)].cull(&input, &mut self.reply);
         }
         self.laid = test.into_memory();
         let report = done?;

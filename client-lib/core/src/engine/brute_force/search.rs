@@ -32,7 +32,7 @@ per_isa! {
                 of_row[axis] = [simd.splat(min[axis]), simd.splat(max[axis])];
             }
             // Bits of the columns after the row.
-            let mut wanted = (u64::MAX << (row % WORD_COLUMNS)) << 1;
+            let mut requested = (u64::MAX << (row % WORD_COLUMNS)) << 1;
             for word in first..words {
                 let mut bits = 0;
                 for at in (0..WORD_COLUMNS).step_by(S::LANES) {
@@ -44,8 +44,8 @@ per_isa! {
                     }
                     bits |= u64::from(simd.met_bits(met)) << at;
                 }
-                found.push(row as u32, word as u32, bits & wanted);
-                wanted = u64::MAX;
+                found.push(row as u32, word as u32, bits & requested);
+                requested = u64::MAX;
             }
         }
         compared

@@ -24,7 +24,7 @@ pub(super) struct Task {
 }
 
 impl Task {
-    /// Takes over a range of rows and forgets the last frame.
+    /// Takes over a range of rows and drops the last frame.
     pub fn assign(&mut self, rows: Range<usize>) {
         self.rows = rows;
         self.found.clear();

@@ -27,7 +27,7 @@ impl FoundWords for WordList {
 }
 
 impl WordList {
-    /// Forgets all words and keeps the memory.
+    /// Drops all words and keeps the memory.
     pub fn clear(&mut self) {
         self.len = 0;
         self.pair_count = 0;
@@ -64,9 +64,9 @@ impl WordList {
     pub fn sift(&mut self, first: usize, gather: &Gather<'_>) {
         let words = first..self.len;
         let arrays = [&mut self.rows, &mut self.blocks, &mut self.bits];
-        let (kept, gone) = gather.sift(arrays.map(|array| &mut array[words.clone()]));
+        let (kept, ended) = gather.sift(arrays.map(|array| &mut array[words.clone()]));
         self.len = first + kept;
-        self.pair_count -= gone;
+        self.pair_count -= ended;
     }
 
     pub fn allocated_bytes(&self) -> usize {

@@ -19,7 +19,7 @@ pub(super) const COST: EncodingCost = EncodingCost {
         // More for a pair of an engine that has an order of its own.
         CostTerm::new(1.54, SceneStats::ordered_pairs),
     ],
-    visit: &[
+    iterate: &[
         CostTerm::new(101.0, |_, _| 1.0),
         CostTerm::new(0.0351, |stats, _| bytes(stats)),
         CostTerm::new(3.33, |stats, _| stats.expected_pairs()),

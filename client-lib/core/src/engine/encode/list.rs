@@ -16,7 +16,7 @@ pub(super) const COST: EncodingCost = EncodingCost {
         // More for a pair in an order of the engine's, of which two boxes are looked up.
         CostTerm::avx512_or(0.102, 0.7, SceneStats::ordered_pairs),
     ],
-    visit: &[
+    iterate: &[
         CostTerm::new(87.3, |_, _| 1.0),
         CostTerm::by_lanes(0.365, |stats, _| stats.expected_pairs()),
     ],

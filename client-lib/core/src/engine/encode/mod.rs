@@ -24,7 +24,7 @@ pub(crate) struct EncodingCost {
     /// From the words that an engine of the CPU found to the mask. The engine's threads share it.
     pub write: &'static [CostTerm],
     /// From the mask to each pair in the client's hands. The client's threads share it.
-    pub visit: &'static [CostTerm],
+    pub iterate: &'static [CostTerm],
     /// Bytes of the mask, of an engine that has an order of its own or not.
     pub bytes: fn(&SceneStats, bool) -> f64,
 }

@@ -11,7 +11,7 @@ use crate::team::for_each_in_parts;
 pub(super) const COST: EncodingCost = EncodingCost {
     // A pair: kept, and written.
     write: &[CostTerm::new(0.395, |stats, _| stats.expected_pairs())],
-    visit: &[
+    iterate: &[
         CostTerm::new(122.0, |_, _| 1.0),
         // A pair of boxes in their own order.
         CostTerm::new(1.15, |stats, _| stats.expected_pairs()),

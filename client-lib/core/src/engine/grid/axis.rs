@@ -97,7 +97,7 @@ impl Axis {
         1.0 / self.cells_per_unit
     }
 
-    /// Unfolded cell number. A NaN, which no solid box has, gets some cell.
+    /// Unfolded cell number. A NaN, which no valid box has, gets some cell.
     #[inline(always)]
     pub fn cell(&self, x: f32) -> i32 {
         debug_assert!(floats::are_default(), "cells are computed with the default flags");

@@ -6,7 +6,7 @@ use crate::floats;
 
 /// Where a box stands in the grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GridPlace {
+pub struct GridCell {
     /// Its level, 0 for the finest.
     pub level: u32,
     /// The cell of its min corner on each axis, before folding.
@@ -20,10 +20,10 @@ pub struct GridPlace {
 /// How the grid sees two boxes of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GridView {
-    /// Levels of the scene. The last one is a single cell for whatever fits no other.
+    /// Levels of the scene. The last one is a single cell for all that fits no other.
     pub levels: u32,
     /// The two boxes; `None` for one that overlaps nothing, which has no cell.
-    pub places: [Option<GridPlace>; 2],
+    pub homes: [Option<GridCell>; 2],
     /// Whether their cells are close enough for the two to be compared. Boxes that overlap always
     /// are; where an axis is folded, some boxes far apart are compared as well.
     pub neighbours: bool,
@@ -38,8 +38,8 @@ pub fn explain(boxes: &[Aabb], a: usize, b: usize) -> GridView {
         let mut layout = Layout::default();
         layout.choose(boxes);
         let two = [boxes[a], boxes[b]];
-        let places = two.map(|one| place(&layout, &one));
-        let neighbours = match places {
+        let homes = two.map(|one| cell_of(&layout, &one));
+        let neighbours = match homes {
             [Some(p), Some(q)] => {
                 // Pairs across levels are looked for in the finer one, from the larger box.
                 let level = p.level.min(q.level);
@@ -51,7 +51,7 @@ pub fn explain(boxes: &[Aabb], a: usize, b: usize) -> GridView {
             }
             _ => false,
         };
-        GridView { levels: layout.levels.len() as u32, places, neighbours }
+        GridView { levels: layout.levels.len() as u32, homes, neighbours }
     })
 }
 
@@ -64,14 +64,14 @@ fn cells(layout: &Layout, level: usize, one: &Aabb) -> Cells {
     (of(one.min), of(one.max))
 }
 
-fn place(layout: &Layout, one: &Aabb) -> Option<GridPlace> {
-    if one.class() != BoxClass::Solid {
+fn cell_of(layout: &Layout, one: &Aabb) -> Option<GridCell> {
+    if one.class() != BoxClass::Valid {
         return None;
     }
     let level = layout.levels.iter().position(|level| level.home(one.min, one.max).is_some())?;
     let (first_cell, last_cell) = cells(layout, level, one);
     let cell_edges = layout.levels[level].axes.map(|axis| axis.edge());
-    Some(GridPlace { level: level as u32, first_cell, last_cell, cell_edges })
+    Some(GridCell { level: level as u32, first_cell, last_cell, cell_edges })
 }
 
 #[cfg(test)]
@@ -102,6 +102,6 @@ mod tests {
         }
         assert!(compared < 22 * 400, "not everything is a neighbour");
         let nothing = explain(&[Aabb::EMPTY, boxes[0]], 0, 1);
-        assert_eq!((nothing.places[0], nothing.neighbours), (None, false));
+        assert_eq!((nothing.homes[0], nothing.neighbours), (None, false));
     }
 }

@@ -64,11 +64,11 @@ mod tests {
     }
 
     #[test]
-    fn what_is_spread_evenly_or_in_places_stays() {
+    fn what_is_spread_evenly_or_in_clusters_stays() {
         let even: Vec<f32> = (0..1_000).map(|i| (i * 37 % 1_000) as f32).collect();
-        let two_places = even.iter().map(|x| if *x < 300.0 { *x } else { 1e6 + x }).collect();
-        let one_place = vec![5.0; 100];
-        for positions in [even, two_places, one_place, vec![7.0], Vec::new()] {
+        let two_sites = even.iter().map(|x| if *x < 300.0 { *x } else { 1e6 + x }).collect();
+        let one_site = vec![5.0; 100];
+        for positions in [even, two_sites, one_site, vec![7.0], Vec::new()] {
             assert_eq!(bounds(&positions), None);
         }
     }

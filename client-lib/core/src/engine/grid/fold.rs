@@ -123,11 +123,11 @@ mod tests {
     }
 
     #[test]
-    fn rows_in_far_places_are_not_folded_onto_themselves() {
-        let places = [[0.0, 0.0, 0.0], [1e5, 4e4, 7e4], [3e4, 9e4, 2e4]];
+    fn rows_far_apart_are_not_folded_onto_themselves() {
+        let positions = [[0.0, 0.0, 0.0], [1e5, 4e4, 7e4], [3e4, 9e4, 2e4]];
         for along in 0..3 {
             let row = |i: u32| {
-                let mut min = places[i as usize % 3];
+                let mut min = positions[i as usize % 3];
                 min[along] += 3.0 * i as f32;
                 min
             };

@@ -46,9 +46,9 @@ pub(super) fn find(
         found.first_invalid[..named].iter_mut().for_each(|index| *index += first);
         census = census.then(&found);
 
-        let solid = keys[0].map(|min_x| min_x != KeyBox::NOTHING.min[0]);
-        let mut block_homes = solid.map(|solid| if solid { HOMELESS } else { nothing });
-        let mut homeless = found.solid_of(boxes.len());
+        let valid = keys[0].map(|min_x| min_x != KeyBox::NOTHING.min[0]);
+        let mut block_homes = valid.map(|valid| if valid { HOMELESS } else { nothing });
+        let mut homeless = found.valid_of(boxes.len());
         for level in levels {
             if homeless <= FEW {
                 break;
@@ -85,7 +85,7 @@ per_isa! {
         for i in 0..BLOCK {
             let min = [coordinate(keys[0][i]), coordinate(keys[1][i]), coordinate(keys[2][i])];
             let max = [coordinate(keys[3][i]), coordinate(keys[4][i]), coordinate(keys[5][i])];
-            let (cell, reach, fits) = level.place(min, max);
+            let (cell, reach, fits) = level.cell_of(min, max);
             let home = cell | u32::from(reach) << REACH_SHIFT;
             homes[i] = if fits & (homes[i] == HOMELESS) { home } else { homes[i] };
         }

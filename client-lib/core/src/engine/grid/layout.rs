@@ -84,7 +84,7 @@ pub(crate) struct SizeClass {
 }
 
 impl Layout {
-    /// Chooses the levels for a scene: the same ones whatever the flags of this thread.
+    /// Chooses the levels for a scene: the same ones regardless of the flags of this thread.
     pub fn choose(&mut self, boxes: &[Aabb]) {
         floats::with_default(|| self.choose_levels(boxes));
     }

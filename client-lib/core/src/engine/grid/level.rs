@@ -14,7 +14,7 @@ pub(super) struct Level {
 pub(super) type Reach = u8;
 
 impl Level {
-    /// A level of one cell for whatever no other level takes. Every box spans one cell there.
+    /// A level of one cell for all that no other level takes. Every box spans one cell there.
     pub const EVERYTHING: Self = Self { axes: [Axis::WHOLE; 3], first_cell: 0 };
 
     pub fn cell_count(&self) -> u32 {
@@ -24,13 +24,13 @@ impl Level {
     /// The home cell (in the table) and reach of a box, or `None` where it spans more than two
     /// cells on some axis, so that it is not of this level.
     pub fn home(&self, min: [f32; 3], max: [f32; 3]) -> Option<(u32, Reach)> {
-        let (cell, reach, fits) = self.place(min, max);
+        let (cell, reach, fits) = self.cell_of(min, max);
         fits.then_some((cell, reach))
     }
 
     /// [`Self::home`] without a branch: cell, reach, and whether the box is of this level.
     #[inline(always)]
-    pub fn place(&self, min: [f32; 3], max: [f32; 3]) -> (u32, Reach, bool) {
+    pub fn cell_of(&self, min: [f32; 3], max: [f32; 3]) -> (u32, Reach, bool) {
         let mut cells = [0; 3];
         let mut reach = 0;
         let mut fits = true;

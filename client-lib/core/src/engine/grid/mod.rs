@@ -4,7 +4,7 @@
 //! box has one home cell, by its min corner, in the finest level whose cells are at least as long
 //! as it is; boxes are sorted by level, z, y, x of the cell, so that a cell's neighbours are a few
 //! runs of positions. That neighbours are enough is proved in `axis.rs` for the very arithmetic that
-//! is computed. Pairs across levels are looked for from the larger box: it visits the cells of the
+//! is computed. Pairs across levels are looked for from the larger box: it iterates over the cells of the
 //! finer levels that it covers. Work is O(n + pairs) for boxes that the sample finds a good layout for; giants
 //! and infinite boxes go to levels of their own. Boxes that cells do not part are handed over to the tree: before
 //! anything is sorted where the sample shows them, and else when more columns were tested than the tree would take.
@@ -26,7 +26,7 @@ mod sample;
 mod sort;
 mod tile;
 
-pub use self::explain::{GridPlace, GridView, explain};
+pub use self::explain::{GridCell, GridView, explain};
 pub use self::far::near_bounds;
 pub use self::fold::{FOLDED_LEAST, folded};
 use self::layout::Layout;
@@ -89,7 +89,7 @@ impl Arrangement for Cells {
         &self.sorted.boxes
     }
 
-    fn search(&self, task: &mut StripTask<CellSearch>, _solid: u32, gather: &Gather<'_>) {
+    fn search(&self, task: &mut StripTask<CellSearch>, _valid: u32, gather: &Gather<'_>) {
         task.search(Scene { sorted: &self.sorted, levels: &self.layout.levels, gather });
     }
 

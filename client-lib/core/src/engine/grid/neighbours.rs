@@ -33,7 +33,7 @@ impl LaterLines {
     /// Of line (y, z) of a level.
     ///
     /// A neighbour at +1 (folded or not) is one cell further up, so the box itself must reach it;
-    /// at −1 the other box must reach down, which only the test can tell. On a folded axis of four
+    /// at −1 the other box must reach down, which only the test can decide. On a folded axis of four
     /// cells or more the two are different lines, so that no pair is looked at twice.
     pub fn of(level: &Level, y: u32, z: u32) -> Self {
         let mut found = Self::default();

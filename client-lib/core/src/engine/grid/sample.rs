@@ -38,7 +38,7 @@ pub(crate) struct SampledBox {
     pub size: f32,
 }
 
-/// The sampled solid boxes and what follows from them.
+/// The sampled valid boxes and what follows from them.
 #[derive(Default)]
 pub(crate) struct Sample {
     /// Smallest first, unless they are alike.
@@ -61,16 +61,16 @@ impl Sample {
     /// Looks at a scene. To be called with the default floating-point flags.
     pub fn take(&mut self, boxes: &[Aabb]) {
         let n = boxes.len();
-        let wanted = sample_size(n);
+        let requested = sample_size(n);
         self.boxes.clear();
-        for index in sample_indices(wanted, n) {
+        for index in sample_indices(requested, n) {
             let b = &boxes[index];
-            if is_solid(b) {
+            if is_valid(b) {
                 let edges = std::array::from_fn(|a| b.max[a] - b.min[a]);
                 self.boxes.push(SampledBox { min: b.min, edges, size: 0.0 });
             }
         }
-        self.weight = n as f32 / wanted.max(1) as f32;
+        self.weight = n as f32 / requested.max(1) as f32;
         self.measure_bounds();
         self.measure_sizes();
     }
@@ -128,7 +128,7 @@ impl Sample {
         }
     }
 
-    /// Whether the longest edges are so short against the shortest that boxes are alike whatever the
+    /// Whether the longest edges are so short against the shortest that boxes are alike regardless of the
     /// median edges are: those take as long to find as half of the rest of the sample.
     fn are_plainly_alike(&self) -> bool {
         let (mut least, mut largest) = ([f32::INFINITY; 3], [0.0f32; 3]);
@@ -270,8 +270,8 @@ fn greater(a: f32, b: f32) -> f32 {
     if b > a { b } else { a }
 }
 
-/// Whether a box is [`crate::aabb::BoxClass::Solid`], with the default floating-point flags.
-fn is_solid(b: &Aabb) -> bool {
+/// Whether a box is [`crate::aabb::BoxClass::Valid`], with the default floating-point flags.
+fn is_valid(b: &Aabb) -> bool {
     // False with a NaN.
     let [x, y, z] = std::array::from_fn(|axis| b.min[axis] <= b.max[axis]);
     x & y & z

@@ -5,7 +5,7 @@
 //! sequence, is dealt into buckets of neighbouring cells within the tile's own stretch of records
 //! ([`super::tile`]); then each bucket collects its boxes from all tiles and sorts them by cell, by
 //! counting ([`super::bucket`]). Both passes are stable, so that boxes of one cell stand by index,
-//! whatever the tiles and threads.
+//! regardless of the tiles and threads.
 
 use super::bucket::Buckets;
 use super::level::{Level, Reach};
@@ -61,8 +61,8 @@ impl Deal {
     fn new(n: usize, cells: usize, threads: usize) -> Self {
         let tile_len = n.div_ceil(4 * threads.max(1)).clamp(TILE_LEAST, TILE_MOST);
         let undealt = threads <= 1 && n <= UNDEALT_MOST;
-        let wanted = if undealt { 1 } else { (n / BUCKET_BOXES).clamp(1, BUCKET_MOST) };
-        let bucket_shift = cells.div_ceil(wanted).next_power_of_two().trailing_zeros();
+        let requested = if undealt { 1 } else { (n / BUCKET_BOXES).clamp(1, BUCKET_MOST) };
+        let bucket_shift = cells.div_ceil(requested).next_power_of_two().trailing_zeros();
         Self { tile_len, bucket_count: ((cells - 1) >> bucket_shift) + 1, bucket_shift, threads }
     }
 }

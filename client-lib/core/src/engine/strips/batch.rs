@@ -11,17 +11,17 @@ pub(crate) const STRIP_COLUMNS: usize = 16;
 /// rows stay in the first-level cache.
 pub(crate) const BATCH_STRIPS: usize = 1024;
 
-/// Strips that [`StripBatch::push_group`] copies at a time, wanted or not.
+/// Strips that [`StripBatch::push_group`] copies at a time, needed or not.
 pub(crate) const GROUP: usize = 8;
 
-/// Room for the copies of the last group that were not wanted, and for a register that is loaded whole.
+/// Room for the copies of the last group that were not needed, and for a register that is loaded whole.
 const ALLOCATED: usize = BATCH_STRIPS + STRIP_COLUMNS;
 
 /// Strips of a row that are the same for all rows of a cell.
 pub(crate) struct StripGroup<'a> {
     pub starts: &'a [u32; GROUP],
     pub lanes: &'a [u16; GROUP],
-    /// How many of them are wanted: the first ones.
+    /// How many of them are needed: the first ones.
     pub count: usize,
 }
 
@@ -38,14 +38,14 @@ pub(crate) struct StripBatch {
 
 /// The arrays of a batch by themselves, and where the next strip goes: a loop that pushes keeps these in
 /// registers.
-pub(crate) struct StripPlaces<'a> {
+pub(crate) struct StripSlots<'a> {
     rows: &'a mut [u32; ALLOCATED],
     starts: &'a mut [u32; ALLOCATED],
     lanes: &'a mut [u16; ALLOCATED],
     len: usize,
 }
 
-impl StripPlaces<'_> {
+impl StripSlots<'_> {
     /// Strips that can still be pushed.
     #[inline(always)]
     pub fn room(&self) -> usize {
@@ -112,22 +112,22 @@ impl StripBatch {
     /// An empty run costs no strip and no branch. There must be [`Self::room`].
     #[inline(always)]
     pub fn push(&mut self, row: u32, start: u32, end: u32) -> u32 {
-        self.push_all(|places| places.push(row, start, end))
+        self.push_all(|slots| slots.push(row, start, end))
     }
 
     /// Adds up to [`GROUP`] strips at the price of two. There must be [`Self::room`] for them.
     #[inline(always)]
     pub fn push_group(&mut self, row: u32, group: &StripGroup<'_>) {
-        self.push_all(|places| places.push_group(row, group));
+        self.push_all(|slots| slots.push_group(row, group));
     }
 
     /// Has `push` add strips. There must be [`Self::room`] for all of them.
     #[inline(always)]
-    pub fn push_all<R>(&mut self, push: impl FnOnce(&mut StripPlaces<'_>) -> R) -> R {
+    pub fn push_all<R>(&mut self, push: impl FnOnce(&mut StripSlots<'_>) -> R) -> R {
         let Self { rows, starts, lanes, len, .. } = self;
-        let mut places = StripPlaces { rows, starts, lanes, len: *len };
-        let pushed = push(&mut places);
-        *len = places.len;
+        let mut slots = StripSlots { rows, starts, lanes, len: *len };
+        let pushed = push(&mut slots);
+        *len = slots.len;
         pushed
     }
 
@@ -136,7 +136,7 @@ impl StripBatch {
         self.len == 0
     }
 
-    /// Forgets all strips.
+    /// Drops all strips.
     pub fn clear(&mut self) {
         self.len = 0;
     }

@@ -17,10 +17,10 @@ use crate::engine::{AvailableIsa, Isa};
 /// Most rows of a block, and most strips: the lanes of a register, and columns of a strip.
 pub(crate) const BLOCK_LANES: usize = STRIP_COLUMNS;
 
-/// Strips that are written at a time, wanted or not.
+/// Strips that are written at a time, needed or not.
 const AT_A_TIME: usize = 4;
 
-/// Room for those behind the last one that were not wanted.
+/// Room for those behind the last one that were not needed.
 const ALLOCATED: usize = BLOCK_LANES + AT_A_TIME;
 
 /// See [`RowBlock::pays`].

@@ -79,10 +79,10 @@ impl WordChunk {
     fn sift(&mut self, gather: &Gather<'_>) -> u64 {
         let words = self.sifted..self.len;
         let arrays = [&mut self.rows, &mut self.blocks, &mut self.bits];
-        let (kept, gone) = gather.sift(arrays.map(|array| &mut array[words.clone()]));
+        let (kept, ended) = gather.sift(arrays.map(|array| &mut array[words.clone()]));
         self.len = self.sifted + kept;
         self.sifted = self.len;
-        gone
+        ended
     }
 
     /// Rows, blocks and bits.
@@ -103,7 +103,7 @@ pub(crate) struct WordSink {
 }
 
 impl WordSink {
-    /// Forgets all words and keeps the memory, up to twice of what was just in use: a task that had
+    /// Drops all words and keeps the memory, up to twice of what was just in use: a task that had
     /// all rows while there was one thread does not hold on to that.
     pub fn clear(&mut self) {
         self.chunks.truncate(2 * self.used);
@@ -112,7 +112,7 @@ impl WordSink {
         self.tests = TestLot::default();
     }
 
-    /// Forgets all words and gives their memory back: after a refusal, the next frame is not
+    /// Drops all words and gives their memory back: after a refusal, the next frame is not
     /// expected to have as many.
     pub fn give_back(&mut self) {
         self.chunks = Vec::new();

@@ -19,7 +19,7 @@ pub(crate) struct StripTask<Own = ()> {
 }
 
 impl<Own> StripTask<Own> {
-    /// Forgets what was found, and what a frame that was refused left behind.
+    /// Drops what was found, and what a frame that was refused left behind.
     pub fn begin(&mut self) {
         self.found.clear();
         self.batch.clear();

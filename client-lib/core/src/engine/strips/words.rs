@@ -14,9 +14,9 @@ per_isa! {
         let (rows, starts, lanes) = batch.arrays();
         let (mut len, mut pairs) = (0, 0);
         for at in (0..batch.len()).step_by(S::LANES) {
-            let wanted = first_lanes((batch.len() - at).min(S::LANES));
+            let requested = first_lanes((batch.len() - at).min(S::LANES));
             let bits = simd.widen(&lanes[at..]);
-            let hit = wanted & !simd.bits(simd.equal(bits, simd.splat(0)));
+            let hit = requested & !simd.bits(simd.equal(bits, simd.splat(0)));
             let strips = [load(simd, rows, at), load(simd, starts, at), bits];
             let [row, start, bits] = simd.squeeze(hit, strips);
             store(simd, row, &mut *hits.rows, len);
@@ -90,8 +90,8 @@ fn put_words<S: Squeeze>(
     let last = chunk.len - 1;
     let same_row = simd.equal(row, simd.behind(row, chunk.rows[last]));
     let same_block = simd.equal(block, simd.behind(block, chunk.blocks[last]));
-    let wanted = first_lanes(count as usize);
-    let same = wanted & simd.bits(same_row) & simd.bits(same_block);
+    let requested = first_lanes(count as usize);
+    let same = requested & simd.bits(same_row) & simd.bits(same_block);
     if same & (same << 1) != 0 {
         // Three strips with hits in one word: rare.
         let mut words = [[0; MOST_LANES]; 3];
@@ -106,7 +106,7 @@ fn put_words<S: Squeeze>(
     let bits_before = simd.behind(bits, chunk.bits[last]);
     let bits = simd.or_where([same_row, same_block], bits, bits_before);
     // The later one of two has the bits of both.
-    let kept = wanted & !(same >> 1);
+    let kept = requested & !(same >> 1);
     let at = chunk.len - (same & 1) as usize;
     let [row, block, bits] = simd.squeeze(kept, [row, block, bits]);
     store(simd, row, &mut chunk.rows, at);

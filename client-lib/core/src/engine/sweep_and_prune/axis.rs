@@ -12,7 +12,7 @@ const BLOCK: usize = 64;
 
 /// The axis with the largest variance of min coordinates against the mean edge: there the fewest
 /// boxes are in a window. Infinite coordinates do not count. Of the same boxes it is the same axis,
-/// whatever the flags of this thread, so that the reply is the same.
+/// regardless of the flags of this thread, so that the reply is the same.
 pub(super) fn widest(columns: &KeyColumns) -> usize {
     floats::with_default(|| {
         let spreads = spreads(columns);

@@ -8,11 +8,11 @@ pub(super) const TERMS: &[CostTerm] = &[
     // A box: read, sorted, put in order.
     CostTerm::new(14.8, |stats, _| stats.boxes()),
     CostTerm::new(6.56, |stats, _| spills(stats)),
-    // A pair of a sweep's window. Whatever the sample says, each pair that is found was in the window.
+    // A pair of a sweep's window. Regardless of what the sample says, each pair that is found was in the window.
     CostTerm::by_lanes(0.465, |stats, _| {
-        let solid = stats.boxes() * f64::from(stats.solid_share);
-        let window = solid * f64::from(stats.window_share) + STRIP_WASTE;
-        (solid * window).max(stats.expected_pairs())
+        let valid = stats.boxes() * f64::from(stats.valid_share);
+        let window = valid * f64::from(stats.window_share) + STRIP_WASTE;
+        (valid * window).max(stats.expected_pairs())
     }),
 ];
 

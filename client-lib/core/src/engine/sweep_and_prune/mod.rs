@@ -79,8 +79,8 @@ impl Arrangement for Sweep {
         &self.boxes
     }
 
-    fn search(&self, task: &mut StripTask, solid: u32, gather: &Gather<'_>) {
-        sweep::search(task, &self.boxes, self.axis, solid, gather);
+    fn search(&self, task: &mut StripTask, valid: u32, gather: &Gather<'_>) {
+        sweep::search(task, &self.boxes, self.axis, valid, gather);
     }
 
     fn allocated_bytes(&self) -> usize {

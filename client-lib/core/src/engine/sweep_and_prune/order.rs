@@ -74,7 +74,7 @@ impl SweepOrder {
     }
 
     /// Deals the boxes into buckets of equal width and puts the rest right by insertion; whether that came
-    /// to the end. Which bucket a box is in changes the time alone, whatever the floating-point flags.
+    /// to the end. Which bucket a box is in changes the time alone, regardless of the floating-point flags.
     fn deal(&mut self, min: &[i32]) -> bool {
         let bucket_count = (BUCKETS_A_BOX * min.len()).next_power_of_two();
         let Some((low, scale)) = even_buckets(min, bucket_count) else { return false };
@@ -82,8 +82,8 @@ impl SweepOrder {
         self.buckets.clear();
         self.buckets.extend(min.iter().map(|key| {
             // A NaN, from a box that overlaps nothing, becomes the last one.
-            let place = ((coordinate(*key) - low) * scale).min(last).max(0.0);
-            (place + ROUND).to_bits() as u16
+            let slot = ((coordinate(*key) - low) * scale).min(last).max(0.0);
+            (slot + ROUND).to_bits() as u16
         }));
         self.dealt.clear();
         self.dealt.resize(bucket_count, 0);

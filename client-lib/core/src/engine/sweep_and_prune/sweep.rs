@@ -3,13 +3,13 @@
 use crate::engine::gather::Gather;
 use crate::engine::strips::{OrderedBoxes, STRIP_COLUMNS, StripTask};
 
-/// Finds the words of all rows, until the budget is spent. Boxes from position `solid` on overlap
+/// Finds the words of all rows, until the budget is spent. Boxes from position `valid` on overlap
 /// nothing.
 pub(super) fn search(
     task: &mut StripTask,
     boxes: &OrderedBoxes,
     axis: usize,
-    solid: u32,
+    valid: u32,
     gather: &Gather<'_>,
 ) {
     task.begin();
@@ -25,17 +25,17 @@ pub(super) fn search(
             }
         }
         let end = task.rows.end;
-        task.batch.push_all(|places| {
+        task.batch.push_all(|slots| {
             while row < end {
                 let max = maxs[row as usize];
                 // The window ends at the first box that starts after this one ends. It is looked for
                 // a strip at a time, and the test of the strip finds the place within.
-                while start < solid && mins[start as usize] <= max {
-                    if places.room() == 0 {
+                while start < valid && mins[start as usize] <= max {
+                    if slots.room() == 0 {
                         return;
                     }
-                    let strip_end = solid.min(start + STRIP_COLUMNS as u32);
-                    start = places.push(row, start, strip_end);
+                    let strip_end = valid.min(start + STRIP_COLUMNS as u32);
+                    start = slots.push(row, start, strip_end);
                 }
                 row += 1;
                 start = row + 1;

@@ -55,8 +55,8 @@ pub(super) fn read(boxes: &[Aabb], entries: &mut [Entry], threads: usize) -> Cen
         let mut census = Census::default();
         for ((entry, aabb), index) in entries.iter_mut().zip(boxes).zip(first_index..) {
             let aabb = *aabb;
-            let is_solid = census.note_box(index, &aabb);
-            *entry = Entry { aabb, index, rank: i32::from(!is_solid) };
+            let is_valid = census.note_box(index, &aabb);
+            *entry = Entry { aabb, index, rank: i32::from(!is_valid) };
         }
         census
     };
@@ -64,9 +64,9 @@ pub(super) fn read(boxes: &[Aabb], entries: &mut [Entry], threads: usize) -> Cen
 }
 
 /// Brings what overlaps nothing to the end; the other boxes.
-pub(super) fn solid_first<'a>(entries: &'a mut [Entry], census: &Census) -> &'a mut [Entry] {
-    let solid = census.solid_of(entries.len());
-    if solid < entries.len() {
+pub(super) fn valid_first<'a>(entries: &'a mut [Entry], census: &Census) -> &'a mut [Entry] {
+    let valid = census.valid_of(entries.len());
+    if valid < entries.len() {
         let mut next = 0;
         for at in 0..entries.len() {
             if entries[at].rank == 0 {
@@ -75,10 +75,10 @@ pub(super) fn solid_first<'a>(entries: &'a mut [Entry], census: &Census) -> &'a 
             }
         }
     }
-    &mut entries[..solid]
+    &mut entries[..valid]
 }
 
-/// Brings solid boxes into order, in so many parts. Ranges that are whole groups of every size, from their
+/// Brings valid boxes into order, in so many parts. Ranges that are whole groups of every size, from their
 /// first box on, lie close together.
 pub(super) fn arrange(
     entries: &mut [Entry],

@@ -70,9 +70,9 @@ impl Arrangement for Groups {
         self.entries.resize(boxes.len());
         let entries = self.entries.as_mut_slice();
         let census = arrange::read(boxes, entries, threads);
-        let solid = arrange::solid_first(entries, &census);
-        let parts = part_count(solid.len(), arrange::TASK_BOXES, threads);
-        arrange(solid, &Surroundings::default(), parts, isa);
+        let valid = arrange::valid_first(entries, &census);
+        let parts = part_count(valid.len(), arrange::TASK_BOXES, threads);
+        arrange(valid, &Surroundings::default(), parts, isa);
         self.boxes.resize(boxes.len());
         self.nodes.build(self.entries.as_slice(), &mut self.boxes, threads);
         Ok(census)
@@ -82,8 +82,8 @@ impl Arrangement for Groups {
         &self.boxes
     }
 
-    fn search(&self, task: &mut StripTask<Lists>, solid: u32, gather: &Gather<'_>) {
-        task.search(&self.boxes, &self.nodes, solid, gather);
+    fn search(&self, task: &mut StripTask<Lists>, valid: u32, gather: &Gather<'_>) {
+        task.search(&self.boxes, &self.nodes, valid, gather);
     }
 
     fn own_bytes(own: &Lists) -> usize {

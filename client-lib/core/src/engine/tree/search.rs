@@ -33,12 +33,12 @@ impl Lists {
 
 impl StripTask<Lists> {
     /// Finds the words of all rows, which begin with a group of 16, until the budget is spent. Boxes from
-    /// position `solid` on overlap nothing.
+    /// position `valid` on overlap nothing.
     pub(super) fn search(
         &mut self,
         boxes: &OrderedBoxes,
         nodes: &Nodes,
-        solid: u32,
+        valid: u32,
         gather: &Gather<'_>,
     ) {
         self.begin();
@@ -47,7 +47,7 @@ impl StripTask<Lists> {
             if gather.budget.is_spent() {
                 break;
             }
-            self.search_group(&mut lists, boxes, nodes, [first, solid], gather);
+            self.search_group(&mut lists, boxes, nodes, [first, valid], gather);
         }
         self.own = lists;
         self.finish(boxes, gather);
@@ -58,7 +58,7 @@ impl StripTask<Lists> {
         lists: &mut Lists,
         boxes: &OrderedBoxes,
         nodes: &Nodes,
-        [first, solid]: [u32; 2],
+        [first, valid]: [u32; 2],
         gather: &Gather<'_>,
     ) {
         let Lists { met, below, near, of_rows } = lists;
@@ -75,7 +75,7 @@ impl StripTask<Lists> {
         }
         near.gather(&levels[0], met);
         let keys = boxes.keys();
-        let end = solid.min(first + FAN_OUT as u32);
+        let end = valid.min(first + FAN_OUT as u32);
         of_rows.clear();
         if !met.is_empty() {
             rows_meeting(&keys, first..end, &near.arrays(), of_rows, isa);
@@ -89,9 +89,9 @@ impl StripTask<Lists> {
         };
         for row in first..end {
             push(row, row + 1, end);
-            while let Some([_, place]) = next.next_if(|[of, _]| *of == row) {
-                let start = met[*place as usize] * FAN_OUT as u32;
-                push(row, start, solid.min(start + FAN_OUT as u32));
+            while let Some([_, slot]) = next.next_if(|[of, _]| *of == row) {
+                let start = met[*slot as usize] * FAN_OUT as u32;
+                push(row, start, valid.min(start + FAN_OUT as u32));
             }
         }
     }

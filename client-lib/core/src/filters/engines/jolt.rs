@@ -10,7 +10,7 @@ use crate::filters::{FilterTable, Owner, PairLists};
 /// `ShouldCollide`, asked once for each two layers.
 ///
 /// Two bodies of which none is dynamic never meet, sensors aside: mark those bodies'
-/// [tags static](crate::filters::Tag::with_static), or, in a scene, their boxes (`Step::Static`). `None` where more than
+/// [filter data static](crate::filters::FilterData::with_static), or, in a scene, their boxes (`Step::Static`). `None` where more than
 /// 64 layers differ in what they collide with.
 pub fn from_jolt_layers(
     layer_count: u16,
@@ -88,7 +88,7 @@ mod tests {
 
     use super::*;
     use crate::filters::engines::testing::Random;
-    use crate::filters::{FilterId, Rules, Tag, World};
+    use crate::filters::{FilterData, FilterId, Rules, World};
 
     #[test]
     fn jolt_layers_of_a_table_meet_as_it_says() {
@@ -144,8 +144,8 @@ mod tests {
             groups.extend([JoltGroup { group: 77, sub_group: 1, filter: Some(0) }; 5]);
             let (owners, lists) = from_jolt_groups(&groups, enabled);
             let mut rules = Rules::default();
-            rules.tags =
-                owners.iter().map(|owner| Tag::new(World(0), *owner, FilterId(0))).collect();
+            rules.filter_data =
+                owners.iter().map(|owner| FilterData::new(World(0), *owner, FilterId(0))).collect();
             rules.lists = lists;
             owned += owners.iter().filter(|owner| **owner != Owner::NONE).count();
             for (a, one) in (0..).zip(&groups) {

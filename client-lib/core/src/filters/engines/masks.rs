@@ -55,7 +55,7 @@ const TRIGGER: u64 = 1 << 32;
 ///
 /// `group` is `word0`, below 32. `meets` has a bit for each group that it may meet, as `PxGetGroupCollisionFlag`
 /// says. Two bodies of which none is dynamic never meet, as the scene's filtering modes say unless they are
-/// `eKEEP`. A trigger meets shapes of all bodies, whatever the groups and the modes say, and no other trigger. So
+/// `eKEEP`. A trigger meets shapes of all bodies, regardless of what the groups and the modes say, and no other trigger. So
 /// one of a static actor meets static shapes too, of which PhysX says nothing: two that never move. `None` where
 /// the group is none of the 32.
 pub const fn from_physx_group(

@@ -15,10 +15,10 @@
 //! | MuJoCo | `contype`, `conaffinity`, bodies, `<pair>`, `<exclude>` | [`from_mujoco`], [`from_mujoco_bodies`] | `mjcb_contactfilter`, sleeping bodies |
 //!
 //! Functions that take `is_dynamic` mark the filter static where it is false: these engines let no two
-//! bodies meet of which none is dynamic, triggers of PhysX aside. Where a host wants kinematic bodies to
+//! bodies meet of which none is dynamic, triggers of PhysX aside. Where a host needs kinematic bodies to
 //! meet others that are not dynamic, it passes true for those.
 //!
-//! Other fields become parts of a [`Tag`](super::Tag) as they are:
+//! Other fields become parts of a [`FilterData`](super::FilterData) as they are:
 //!
 //! * **Shapes of one body** never meet in any of these engines but Bullet and Jolt, where a body is one
 //!   shape: [`owner_of`] the body. A `PxAggregate` without self collisions is the owner of all shapes of
@@ -48,7 +48,7 @@ pub use self::newton::from_newton;
 pub use self::relation::from_relation;
 
 use super::filter::Filter;
-use super::tag::Owner;
+use super::filter_data::Owner;
 
 /// The owner that stands for an engine's body, actor or aggregate of this index. `u32::MAX`, which engines
 /// use for none, is [`Owner::NONE`].

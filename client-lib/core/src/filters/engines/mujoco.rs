@@ -25,7 +25,7 @@ pub struct MujocoBodies<'a> {
     pub parents_meet: bool,
     /// Pairs of bodies of which no geoms meet: `<exclude>`.
     pub excluded_bodies: &'a [[u32; 2]],
-    /// Pairs of geoms that meet whatever else is said: `<pair>`.
+    /// Pairs of geoms that meet regardless of what else is said: `<pair>`.
     pub geom_pairs: &'a [[u32; 2]],
 }
 
@@ -107,7 +107,7 @@ mod tests {
 
     use super::*;
     use crate::filters::engines::testing::{Random, check};
-    use crate::filters::{FilterId, FilterTable, Rules, Tag, World};
+    use crate::filters::{FilterData, FilterId, FilterTable, Rules, World};
 
     #[test]
     fn mujoco_types_meet_as_in_mujoco() {
@@ -148,9 +148,9 @@ mod tests {
                 types.iter().map(|geom| from_mujoco(geom.0, geom.1)).collect();
             let mut rules = Rules::default();
             rules.table = FilterTable::new(&filters).expect("few filters");
-            rules.tags = (0..)
+            rules.filter_data = (0..)
                 .zip(&owners)
-                .map(|(at, owner)| Tag::new(World(0), *owner, FilterId(at)))
+                .map(|(at, owner)| FilterData::new(World(0), *owner, FilterId(at)))
                 .collect();
             rules.lists = lists;
             for a in 0..40 {

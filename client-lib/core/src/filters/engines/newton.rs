@@ -31,7 +31,7 @@ mod tests {
 
     use super::*;
     use crate::filters::engines::testing::{Random, check};
-    use crate::filters::{FilterId, FilterTable, Owner, Rules, Tag, World};
+    use crate::filters::{FilterData, FilterId, FilterTable, Owner, Rules, World};
 
     fn groups_meet(a: i32, b: i32) -> bool {
         if a == 0 || b == 0 {
@@ -55,9 +55,9 @@ mod tests {
         let filters: Vec<Filter> = shapes.iter().map(|shape| from_newton(shape.1, true)).collect();
         let mut rules = Rules::default();
         rules.table = FilterTable::new(&filters).expect("few filters");
-        rules.tags = (0..)
+        rules.filter_data = (0..)
             .zip(&shapes)
-            .map(|(at, shape)| Tag::new(World(shape.0), Owner::NONE, FilterId(at)))
+            .map(|(at, shape)| FilterData::new(World(shape.0), Owner::NONE, FilterId(at)))
             .collect();
         for (a, one) in (0..).zip(&shapes) {
             for (b, other) in (0..).zip(&shapes) {

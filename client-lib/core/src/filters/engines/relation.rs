@@ -1,8 +1,8 @@
-//! A table of filters from a relation: which kinds meet, whatever the reason.
+//! A table of filters from a relation: which kinds meet, regardless of the reason.
 
 use crate::filters::{Filter, FilterTable};
 
-/// Kinds that a table of categories and masks can tell apart: a bit each.
+/// Kinds that a table of categories and masks can distinguish: a bit each.
 const MOST_KINDS: usize = 64;
 
 /// A table whose filters `0..count` meet where `meets` says so of the first two ids in either order.

@@ -5,7 +5,7 @@
 
 use std::fmt::Debug;
 
-use crate::filters::{Filter, FilterId, FilterTable, Owner, Rules, Tag, World};
+use crate::filters::{Filter, FilterData, FilterId, FilterTable, Owner, Rules, World};
 pub use crate::random::Random;
 
 impl Random {
@@ -53,7 +53,8 @@ pub fn check<T: Debug>(
     let filters: Vec<Filter> = fields.iter().map(&convert).collect();
     let mut rules = Rules::default();
     rules.table = FilterTable::new(&filters).expect("few filters");
-    rules.tags = (0..300).map(|at| Tag::new(World::default(), Owner::NONE, FilterId(at))).collect();
+    rules.filter_data =
+        (0..300).map(|at| FilterData::new(World::default(), Owner::NONE, FilterId(at))).collect();
     let mut decided = [0; 2];
     for (a, one) in (0..).zip(&fields) {
         for (b, other) in (0..).zip(&fields) {

@@ -38,7 +38,7 @@ impl<'a> DenseMask<'a> {
         self.n
     }
 
-    /// The words as they lie in the reply, with whatever is behind the last pair.
+    /// The words as they lie in the reply, with all that is behind the last pair.
     #[inline]
     pub const fn as_words(&self) -> &'a [u32] {
         self.words

@@ -77,12 +77,12 @@ impl<'a> ListMask<'a> {
     /// list, which ends at the pair.
     #[must_use]
     pub fn contains(&self, a: u32, b: u32) -> bool {
-        let wanted = [a.min(b), a.max(b)];
+        let requested = [a.min(b), a.max(b)];
         // A stretch without a branch is vector code.
         let is_in = |pairs: &[[u32; 2]]| {
-            pairs.iter().map(|pair| u32::from(*pair == wanted)).sum::<u32>() != 0
+            pairs.iter().map(|pair| u32::from(*pair == requested)).sum::<u32>() != 0
         };
-        is_pair(wanted, self.n) && self.pairs.chunks(STRETCH).any(is_in)
+        is_pair(requested, self.n) && self.pairs.chunks(STRETCH).any(is_in)
     }
 
     /// Number of well-formed pairs.

@@ -54,7 +54,7 @@ impl Encoding {
     }
 
     /// Its place in [`Self::ALL`].
-    pub const fn place(self) -> usize {
+    pub const fn ordinal(self) -> usize {
         self as usize - 1
     }
 
@@ -224,7 +224,7 @@ macro_rules! of_each {
 /// A pair mask in a reply, of any encoding: nothing is copied.
 ///
 /// The reply is data from another process. [`MaskView::new`] checks in O(1) that the sections lie
-/// in the reply and have the right lengths. Whatever the bytes, decoding then never panics, ends,
+/// in the reply and have the right lengths. Regardless of the bytes, decoding then never panics, ends,
 /// and gives only pairs with a < b < n: bits that name no pair of boxes are dropped.
 /// [`MaskView::verify`] says whether there are any. Words are read where they lie and when they are
 /// needed, so the publisher of the reply must not change it while a view lives.

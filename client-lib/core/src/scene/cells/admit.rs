@@ -5,9 +5,9 @@ use super::block::{Block, FIRST, Question, SLOTS};
 #[cfg(target_arch = "x86_64")]
 use crate::isa::Isa;
 
-/// Blocks with admitted boxes that are told at a time, 12 bytes each: so few stay in the first cache beside what
+/// Blocks with admitted boxes that are reported at a time, 12 bytes each: so few stay in the first cache beside what
 /// was asked for.
-const TOLD: usize = 64;
+const REPORTED: usize = 64;
 
 /// Blocks that stand together, of one cell.
 #[derive(Clone, Copy, Debug, Default)]
@@ -28,7 +28,7 @@ pub(super) struct Hit {
     pub admitted: u32,
 }
 
-/// Tells of the blocks of spans that have boxes that are admitted, in order.
+/// Lists the blocks of spans that have boxes that are admitted, in order.
 #[inline]
 pub(super) fn admit(
     blocks: &[Block],
@@ -66,7 +66,7 @@ fn admit_with(
     report: &mut dyn FnMut(&[Hit]),
     admitted: impl Fn(&Question, &Block) -> u32,
 ) {
-    let (mut hits, mut count) = ([Hit::default(); TOLD], 0);
+    let (mut hits, mut count) = ([Hit::default(); REPORTED], 0);
     for &Span { question, start, len } in spans {
         let asked = &questions[question as usize];
         let (mut number, mut rest) = (start, len);
@@ -76,7 +76,7 @@ fn admit_with(
             // Whether there are any is as good as random: nothing branches on it.
             hits[count] = Hit { question, block: number, admitted };
             count += usize::from(admitted != 0);
-            if count == TOLD {
+            if count == REPORTED {
                 report(&hits);
                 count = 0;
             }

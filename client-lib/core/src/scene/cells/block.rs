@@ -207,7 +207,7 @@ mod tests {
     }
 
     fn corners() -> impl Strategy<Value = ([i32; 3], [i32; 3])> {
-        // Near each other, or so far that 16 bits do not tell.
+        // Near each other, or so far that 16 bits do not show.
         let start = prop_oneof![8 => -40..40, 1 => 65_500..65_570, 1 => -65_570..-65_500];
         (prop::array::uniform3(start), prop::array::uniform3(0..30))
     }

@@ -2,7 +2,7 @@
 
 use super::block::{Block, SLOTS, STATIC, Slot};
 use super::layout::{self, Level};
-use super::quanta::is_solid;
+use super::quanta::is_valid;
 use super::runs::{NOWHERE, Runs};
 use super::{Cells, level_of};
 use crate::aabb::Aabb;
@@ -21,15 +21,15 @@ impl Cells {
         // The old ones first: there need not be memory for both.
         *self = Self { levels: layout::choose(boxes), ..Self::default() };
         let cells = self.levels.iter().map(|level| level.first_cell + level.cell_count()).max();
-        let mut places = vec![NOWHERE; boxes.len()];
-        zip_in_parts(&mut places, boxes, TASK_BOXES, threads, |homes, boxes| {
-            for (home, b) in homes.iter_mut().zip(boxes).filter(|(_, b)| is_solid(b)) {
+        let mut positions = vec![NOWHERE; boxes.len()];
+        zip_in_parts(&mut positions, boxes, TASK_BOXES, threads, |homes, boxes| {
+            for (home, b) in homes.iter_mut().zip(boxes).filter(|(_, b)| is_valid(b)) {
                 let (level, q) = level_of(&self.levels, b);
                 *home = self.levels[level].home(&q);
             }
         });
         let mut counts = vec![0u32; cells.unwrap_or(0) as usize];
-        for home in places.iter().filter(|home| **home != NOWHERE) {
+        for home in positions.iter().filter(|home| **home != NOWHERE) {
             counts[*home as usize] += 1;
         }
         let of_level = |level: &Level| {
@@ -38,8 +38,8 @@ impl Cells {
         };
         self.occupied = self.levels.iter().map(of_level).collect();
         self.runs = Runs::with_room(&counts);
-        for place in places.iter_mut().filter(|place| **place != NOWHERE) {
-            *place = self.runs.reserve(*place);
+        for position in positions.iter_mut().filter(|position| **position != NOWHERE) {
+            *position = self.runs.reserve(*position);
         }
         let fill_threads = part_count(boxes.len(), TASK_BOXES, threads).min(threads);
         let blocks = self.runs.blocks_mut();
@@ -49,9 +49,9 @@ impl Cells {
         let levels = self.levels.as_slice();
         for_each_in_parts(&mut fills, fill_threads, |(first, blocks)| {
             let count = blocks.len() as u32 * SLOTS;
-            for ((index, place), b) in (0u32..).zip(&places).zip(boxes) {
+            for ((index, position), b) in (0u32..).zip(&positions).zip(boxes) {
                 // That of a box elsewhere, or nowhere, is beyond the end.
-                let at = place.wrapping_sub(*first);
+                let at = position.wrapping_sub(*first);
                 if at < count {
                     let (_, q) = level_of(levels, b);
                     let word = index | if is_static(index) { STATIC } else { 0 };
@@ -59,6 +59,6 @@ impl Cells {
                 }
             }
         });
-        self.places = places;
+        self.positions = positions;
     }
 }

@@ -59,7 +59,7 @@ pub(super) struct Around {
 }
 
 impl Level {
-    /// A level of one cell for whatever no other level takes.
+    /// A level of one cell for all that no other level takes.
     fn of_everything() -> Self {
         Self { takes_all: true, is_plain: false, ..Self::of_axes([Axis::WHOLE; 3]) }
     }
@@ -97,13 +97,13 @@ impl Level {
         self.axes.iter().map(|axis| axis.count).product()
     }
 
-    /// A solid box in quanta of the level.
+    /// A valid box in quanta of the level.
     #[inline(always)]
     pub fn quanta(&self, b: &Aabb) -> Quanta {
         self.scale.quanta(b)
     }
 
-    /// Where a search around a solid box goes: as [`Axis::cells`] on each axis, without branches. `None` where
+    /// Where a search around a valid box goes: as [`Axis::cells`] on each axis, without branches. `None` where
     /// the level takes all, or is folded.
     #[inline(always)]
     pub fn around(&self, b: &Aabb) -> Option<Around> {
@@ -145,7 +145,7 @@ impl Level {
     }
 }
 
-/// The levels for some boxes, finest first; the last one takes everything. The same ones whatever the
+/// The levels for some boxes, finest first; the last one takes everything. The same ones regardless of the
 /// flags of this thread.
 pub(super) fn choose(boxes: &[Aabb]) -> Vec<Level> {
     floats::with_default(|| {

@@ -6,7 +6,7 @@
 //!
 //! While a box has changed since the history began, its slot holds the hull of what it was and what it
 //! is, so that one search finds the pairs that it had and has. Where the hull is too long for the level,
-//! two slots hold the two. The first update after [`Cells::forget`] ends that.
+//! two slots hold the two. The first update after [`Cells::discard`] ends that.
 
 mod admit;
 mod axis;
@@ -20,7 +20,7 @@ mod search;
 mod stages;
 
 pub(super) use self::block::{CHANGED, INDEX, STATIC};
-pub(super) use self::quanta::is_solid;
+pub(super) use self::quanta::is_valid;
 pub(super) use self::search::{Candidate, Probe, Searches};
 pub(super) use self::stages::{BATCH, BATCHES, Looked, in_stages};
 
@@ -58,7 +58,7 @@ pub(super) struct Cells {
     occupied: Vec<u32>,
     runs: Runs,
     /// Place of each box by index, [`NOWHERE`] for one that overlaps nothing.
-    places: Vec<u32>,
+    positions: Vec<u32>,
     /// Places of what boxes were that have a slot of their own for that.
     ghosts: Ghosts,
     /// Boxes whose slots hold hulls of a history that has ended.
@@ -103,7 +103,7 @@ impl Move {
 /// What becomes of the box of an index.
 type MoveOf = fn(&Cells, &Store, u32) -> Option<Move>;
 
-/// The first level that takes a solid box, and the box in its quanta.
+/// The first level that takes a valid box, and the box in its quanta.
 #[inline(always)]
 fn level_of(levels: &[Level], b: &Aabb) -> (usize, Quanta) {
     let last = levels.len() - 1;
@@ -125,7 +125,7 @@ impl Cells {
     }
 
     pub fn allocated_bytes(&self) -> usize {
-        let words = self.places.capacity() + self.settling.capacity();
+        let words = self.positions.capacity() + self.settling.capacity();
         words * size_of::<u32>()
             + self.runs.allocated_bytes()
             + self.moves.capacity() * size_of::<Move>()
@@ -134,18 +134,18 @@ impl Cells {
 
     /// Where a box lies in memory: boxes near each other in space have numbers near each other.
     #[inline]
-    pub fn place(&self, index: u32) -> u32 {
-        self.places.get(index as usize).copied().unwrap_or(NOWHERE)
+    pub fn position(&self, index: u32) -> u32 {
+        self.positions.get(index as usize).copied().unwrap_or(NOWHERE)
     }
 
     /// A number by which boxes that are near each other stand together. Needs the default flags.
     pub fn near(&self, b: &Aabb) -> u32 {
         let occupied = self.levels.iter().zip(&self.occupied).find(|(_, count)| **count > 0);
-        occupied.filter(|_| is_solid(b)).map_or(0, |(level, _)| level.home(&level.quanta(b)))
+        occupied.filter(|_| is_valid(b)).map_or(0, |(level, _)| level.home(&level.quanta(b)))
     }
 
     /// The history begins anew: boxes that have changed are to be [settled](Self::update).
-    pub fn forget(&mut self, changed: &[u32]) {
+    pub fn discard(&mut self, changed: &[u32]) {
         self.settling.extend_from_slice(changed);
     }
 
@@ -163,7 +163,7 @@ impl Cells {
     /// Makes slots those of what boxes are, after an edit that named `changed`: for cells of now, which know
     /// of no history.
     pub fn follow(&mut self, store: &Store, changed: [&[u32]; 2], threads: usize) {
-        self.places.resize(store.boxes().len().max(self.places.len()), NOWHERE);
+        self.positions.resize(store.boxes().len().max(self.positions.len()), NOWHERE);
         let mut moves = std::mem::take(&mut self.moves);
         for list in changed {
             self.move_some(store, list, Self::arrived, &mut moves, threads);
@@ -175,7 +175,7 @@ impl Cells {
     }
 
     fn move_all(&mut self, store: &Store, changed: [&[u32]; 2], threads: usize) {
-        self.places.resize(store.boxes().len().max(self.places.len()), NOWHERE);
+        self.positions.resize(store.boxes().len().max(self.positions.len()), NOWHERE);
         let settling = std::mem::take(&mut self.settling);
         if !settling.is_empty() {
             self.drop_ghosts();
@@ -227,9 +227,9 @@ impl Cells {
 
     #[allow(clippy::unnecessary_wraps)] // As the others: a `MoveOf`.
     fn arrived(&self, store: &Store, index: u32) -> Option<Move> {
-        // Of the boxes that were changed, the last may be gone with all indices behind.
+        // Of the boxes that were changed, the last may no longer exist with all indices behind.
         let b = store.boxes().get(index as usize).copied().unwrap_or(Aabb::EMPTY);
-        if !is_solid(&b) {
+        if !is_valid(&b) {
             return Some(Move { index, action: Action::Leave, ..Move::NONE });
         }
         let (level, q) = level_of(&self.levels, &b);
@@ -242,15 +242,15 @@ impl Cells {
     fn moved(&self, store: &Store, index: u32) -> Option<Move> {
         let (was, is) = (store.before(index)?.b, store.boxes()[index as usize]);
         let is_split = !self.ghosts.is_empty() && self.ghosts.contains_key(&index);
-        let (was_solid, is_solid) = (is_solid(&was) && !is_split, is_solid(&is));
-        if !was_solid && !is_solid {
+        let (was_valid, is_valid) = (is_valid(&was) && !is_split, is_valid(&is));
+        if !was_valid && !is_valid {
             // What it was may have its slot; what it is needs none.
             let leaves = Move { index, action: Action::Leave, ..Move::NONE };
             return (!is_split).then_some(leaves);
         }
-        let (level, mut q) = level_of(&self.levels, if is_solid { &is } else { &was });
+        let (level, mut q) = level_of(&self.levels, if is_valid { &is } else { &was });
         let mut action = Action::Go;
-        if was_solid && is_solid {
+        if was_valid && is_valid {
             let hull = q.hull(&self.levels[level].quanta(&was));
             (q, action) = if self.levels[level].takes(&hull) {
                 (hull, Action::Go)
@@ -270,12 +270,12 @@ impl Cells {
     /// Makes up to [`MOVES`] moves.
     fn make_moves(&mut self, moves: &[Move]) {
         for this in moves {
-            ask_for(&self.places, this.index);
+            ask_for(&self.positions, this.index);
             self.runs.ask_for_run(this.cell);
         }
         for this in moves {
-            let place = self.places[this.index as usize];
-            self.runs.ask_for_place(place);
+            let position = self.positions[this.index as usize];
+            self.runs.ask_for_slot(position);
         }
         for this in moves {
             self.make_move(this);
@@ -283,8 +283,8 @@ impl Cells {
     }
 
     fn make_move(&mut self, &Move { slot, index, cell, level, action }: &Move) {
-        let place = self.places[index as usize];
-        if place == NOWHERE {
+        let position = self.positions[index as usize];
+        if position == NOWHERE {
             if matches!(action, Action::Go | Action::Part) {
                 self.put(slot, cell, level);
             }
@@ -292,61 +292,62 @@ impl Cells {
         }
         match action {
             Action::Stay => {}
-            Action::Leave => self.remove(index, place),
-            Action::Settle => *self.runs.slot_mut(place) = slot,
+            Action::Leave => self.remove(index, position),
+            Action::Settle => *self.runs.slot_mut(position) = slot,
             Action::Go => {
-                if self.runs.cell_of(place) == cell {
-                    *self.runs.slot_mut(place) = slot;
+                if self.runs.cell_of(position) == cell {
+                    *self.runs.slot_mut(position) = slot;
                 } else {
-                    self.remove(index, place);
+                    self.remove(index, position);
                     self.put(slot, cell, level);
                 }
             }
             Action::Part => {
-                self.runs.slot_mut(place).set_word(index | CHANGED);
-                self.ghosts.insert(index, place);
-                self.places[index as usize] = NOWHERE;
+                self.runs.slot_mut(position).set_word(index | CHANGED);
+                self.ghosts.insert(index, position);
+                self.positions[index as usize] = NOWHERE;
                 self.put(slot, cell, level);
             }
         }
     }
 
     /// Takes a box away from its place.
-    fn remove(&mut self, index: u32, place: u32) {
-        self.places[index as usize] = NOWHERE;
-        self.free(place);
+    fn remove(&mut self, index: u32, position: u32) {
+        self.positions[index as usize] = NOWHERE;
+        self.free(position);
     }
 
-    fn free(&mut self, place: u32) {
-        let cell = self.runs.cell_of(place);
+    fn free(&mut self, position: u32) {
+        let cell = self.runs.cell_of(position);
         let level = self.levels.iter().rposition(|level| level.first_cell <= cell).unwrap_or(0);
         self.occupied[level] -= 1;
-        if let Some((word, from)) = self.runs.remove(place) {
-            note_place(&mut self.places, &mut self.ghosts, word, from, place);
+        if let Some((word, from)) = self.runs.remove(position) {
+            note_position(&mut self.positions, &mut self.ghosts, word, from, position);
         }
     }
 
     fn put(&mut self, slot: Slot, cell: u32, level: u32) {
-        let Self { runs, places, ghosts, .. } = self;
-        let place = runs.push(cell, slot).unwrap_or_else(|| {
-            runs.grow(cell, |word, from, to| note_place(places, ghosts, word, from, to));
+        let Self { runs, positions, ghosts, .. } = self;
+        let position = runs.push(cell, slot).unwrap_or_else(|| {
+            runs.grow(cell, |word, from, to| note_position(positions, ghosts, word, from, to));
             // There is room now.
             runs.push(cell, slot).unwrap_or(NOWHERE)
         });
-        places[(slot.word() & INDEX) as usize] = place;
+        positions[(slot.word() & INDEX) as usize] = position;
         self.occupied[level as usize] += 1;
     }
 
     /// Takes away what boxes were in a history that has ended.
     fn drop_ghosts(&mut self) {
-        let ghosts: Vec<(u32, u32)> = self.ghosts.iter().map(|(i, place)| (*i, *place)).collect();
+        let ghosts: Vec<(u32, u32)> =
+            self.ghosts.iter().map(|(i, position)| (*i, *position)).collect();
         for (at, (index, _)) in ghosts.iter().enumerate() {
             if let Some((_, ahead)) = ghosts.get(at + MOVES) {
-                self.runs.ask_for_place(*ahead);
+                self.runs.ask_for_slot(*ahead);
             }
             // Where it is now: others that went may have moved it.
-            if let Some(place) = self.ghosts.remove(index) {
-                self.free(place);
+            if let Some(position) = self.ghosts.remove(index) {
+                self.free(position);
             }
         }
     }
@@ -369,11 +370,11 @@ impl Cells {
 
 /// Notes that a slot with a word has gone from one place to another.
 #[inline]
-fn note_place(places: &mut [u32], ghosts: &mut Ghosts, word: u32, from: u32, to: u32) {
-    let place = &mut places[(word & INDEX) as usize];
-    if *place == from {
-        *place = to;
-    } else if let Some(place) = ghosts.get_mut(&(word & INDEX)) {
-        *place = to;
+fn note_position(positions: &mut [u32], ghosts: &mut Ghosts, word: u32, from: u32, to: u32) {
+    let position = &mut positions[(word & INDEX) as usize];
+    if *position == from {
+        *position = to;
+    } else if let Some(position) = ghosts.get_mut(&(word & INDEX)) {
+        *position = to;
     }
 }

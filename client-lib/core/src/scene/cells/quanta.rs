@@ -23,7 +23,7 @@ pub(super) struct Scale {
 }
 
 impl Scale {
-    /// A solid box in quanta. Each coordinate's map is monotone: subtraction of a constant,
+    /// A valid box in quanta. Each coordinate's map is monotone: subtraction of a constant,
     /// multiplication with a positive one, clamping and cutting off the fraction are.
     #[inline(always)]
     pub fn quanta(&self, b: &Aabb) -> Quanta {
@@ -85,10 +85,10 @@ impl Quanta {
     }
 }
 
-/// Whether a box is [solid](crate::aabb::BoxClass::Solid). Needs the default floating-point flags:
+/// Whether a box is [valid](crate::aabb::BoxClass::Valid). Needs the default floating-point flags:
 /// others take small numbers for 0.
 #[inline(always)]
-pub(in crate::scene) fn is_solid(b: &Aabb) -> bool {
+pub(in crate::scene) fn is_valid(b: &Aabb) -> bool {
     debug_assert!(floats::are_default());
     (0..3).all(|axis| b.min[axis] <= b.max[axis])
 }
@@ -101,7 +101,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn solid_boxes_are_those_of_that_class(
+        fn valid_boxes_are_those_of_that_class(
             bits in prop::array::uniform6(any::<u32>()),
             special in prop::array::uniform6(0usize..12),
         ) {
@@ -110,7 +110,7 @@ mod tests {
             let b = Aabb::from(std::array::from_fn::<f32, 6, _>(|i| {
                 f32::from_bits(SPECIAL.get(special[i]).copied().unwrap_or(bits[i]))
             }));
-            prop_assert_eq!(is_solid(&b), b.class() == BoxClass::Solid);
+            prop_assert_eq!(is_valid(&b), b.class() == BoxClass::Valid);
         }
     }
 }

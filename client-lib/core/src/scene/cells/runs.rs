@@ -24,7 +24,7 @@ pub(super) struct Run {
 
 impl Run {
     #[inline(always)]
-    pub const fn places(&self) -> std::ops::Range<u32> {
+    pub const fn positions(&self) -> std::ops::Range<u32> {
         let first = self.start * SLOTS;
         first..first + self.len
     }
@@ -74,9 +74,9 @@ impl Runs {
     /// Makes a place for one more box of a cell that has room.
     pub fn reserve(&mut self, cell: u32) -> u32 {
         let run = &mut self.of_cells[cell as usize];
-        let place = run.places().end;
+        let position = run.positions().end;
         run.len += 1;
-        place
+        position
     }
 
     pub fn blocks_mut(&mut self) -> &mut [Block] {
@@ -100,9 +100,9 @@ impl Runs {
     }
 
     #[inline(always)]
-    pub fn ask_for_place(&self, place: u32) {
-        ask_for(&self.owners, place / SLOTS);
-        ask_for(&self.blocks, place / SLOTS);
+    pub fn ask_for_slot(&self, position: u32) {
+        ask_for(&self.owners, position / SLOTS);
+        ask_for(&self.blocks, position / SLOTS);
     }
 
     #[inline(always)]
@@ -111,26 +111,26 @@ impl Runs {
     }
 
     #[inline(always)]
-    pub fn cell_of(&self, place: u32) -> u32 {
-        self.owners[(place / SLOTS) as usize]
+    pub fn cell_of(&self, position: u32) -> u32 {
+        self.owners[(position / SLOTS) as usize]
     }
 
     #[inline(always)]
-    pub fn slot_mut(&mut self, place: u32) -> &mut Slot {
-        &mut self.blocks[(place / SLOTS) as usize].0[(place % SLOTS) as usize]
+    pub fn slot_mut(&mut self, position: u32) -> &mut Slot {
+        &mut self.blocks[(position / SLOTS) as usize].0[(position % SLOTS) as usize]
     }
 
     /// Takes the box at a place away. The last one of its cell comes in its place: returns that one's word
     /// and where it was, unless it was the last one itself.
-    pub fn remove(&mut self, place: u32) -> Option<(u32, u32)> {
-        let run = &mut self.of_cells[self.owners[(place / SLOTS) as usize] as usize];
+    pub fn remove(&mut self, position: u32) -> Option<(u32, u32)> {
+        let run = &mut self.of_cells[self.owners[(position / SLOTS) as usize] as usize];
         run.len -= 1;
         let last = run.start * SLOTS + run.len;
-        if last == place {
+        if last == position {
             return None;
         }
         let slot = *self.slot_mut(last);
-        *self.slot_mut(place) = slot;
+        *self.slot_mut(position) = slot;
         Some((slot.word(), last))
     }
 
@@ -140,9 +140,9 @@ impl Runs {
         if run.len == run.room * SLOTS {
             return None;
         }
-        let place = self.reserve(cell);
-        *self.slot_mut(place) = slot;
-        Some(place)
+        let position = self.reserve(cell);
+        *self.slot_mut(position) = slot;
+        Some(position)
     }
 
     /// Gives a full cell more room. Calls `moved` with the word of each of its boxes, where it was and
@@ -161,7 +161,7 @@ impl Runs {
         self.of_cells[cell as usize] = Run { start, len: old.len, room };
         let from = old.start as usize;
         self.blocks.copy_within(from..from + old.room as usize, start as usize);
-        for (from, to) in old.places().zip(start * SLOTS..) {
+        for (from, to) in old.positions().zip(start * SLOTS..) {
             moved(self.slot_mut(to).word(), from, to);
         }
         if (1..=REUSED_MOST).contains(&(old.room as usize)) {

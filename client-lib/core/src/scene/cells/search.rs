@@ -9,7 +9,7 @@ use super::Cells;
 use super::admit::{Hit, Span, admit};
 use super::block::{Question, SLOTS};
 use super::layout::Level;
-use super::quanta::is_solid;
+use super::quanta::is_valid;
 use crate::aabb::Aabb;
 
 /// Blocks of a run that are asked for ahead: further ones the processor finds by itself.
@@ -17,7 +17,7 @@ const AHEAD: u32 = 8;
 /// Spans that there is room for at first, 12 bytes each: those of a few searches.
 const SPANS_LEAST: usize = 64;
 
-/// A search around solid boxes.
+/// A search around valid boxes.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::scene) enum Probe {
     /// Around two boxes at once, near each other. Where `dismisses`, boxes are of no interest that have
@@ -139,7 +139,7 @@ impl Cells {
                 let are_bounded = (0..3).all(|axis| level.axes[axis].are_bounded(&ranges[axis]));
                 if !are_bounded {
                     (false, Sure::None)
-                } else if is_solid(elsewhere) {
+                } else if is_valid(elsewhere) {
                     let there = level.quanta(elsewhere);
                     (true, Sure::Unless(Question::new(&there, &there, false)))
                 } else {
@@ -174,7 +174,7 @@ impl Cells {
         }
     }
 
-    /// [Begins](Self::begin) to look around solid boxes: as around one of two of which the other is empty, without
+    /// [Begins](Self::begin) to look around valid boxes: as around one of two of which the other is empty, without
     /// the hulls and second ranges of cells that others need.
     pub fn begin_around(&self, boxes: &[Aabb], searches: &mut Searches) {
         searches.clear();

@@ -1,7 +1,7 @@
 //! The pairs of the boxes of now, kept by a client of a scene of inflated boxes.
 //!
 //! A pair that overlaps is near, and changes only where one of its boxes does. So the near pairs around
-//! boxes that changed are tested, and nothing else is looked at. What was told is a bit of each pair; what
+//! boxes that changed are tested, and nothing else is looked at. What was reported is a bit of each pair; what
 //! may differ from it is in a list.
 
 use std::sync::Arc;
@@ -29,10 +29,10 @@ const FEW_PAIRS: usize = 4_096;
 /// Named boxes of this share of all take as long as to go through all pairs: one in so many.
 const MANY_SHARE: usize = 8;
 
-/// The pairs of the boxes of now: what a [`Scene`](super::super::Scene) of these boxes would tell, bit by
+/// The pairs of the boxes of now: what a [`Scene`](super::super::Scene) of these boxes would report, bit by
 /// bit, but for the meter of work left out.
 ///
-/// It is told of each edit before it is applied ([`note`](Self::note)), and of the changes of the near
+/// It learns of each edit before it is applied ([`note`](Self::note)), and of the changes of the near
 /// pairs. [`report`](Self::report) needs to have all of them. An edit whose near pairs are not known yet may
 /// wait: nothing is asked of it.
 ///
@@ -68,9 +68,9 @@ pub struct ExactPairs {
     changed: Vec<u32>,
     /// Indices that lost a box since the last acknowledged answer.
     removed: Vec<u32>,
-    /// Indices that the last edit set, switched or flagged, where pairs of these are wanted.
+    /// Indices that the last edit set, enabled or disabled or flagged, where pairs of these are needed.
     named: Vec<u32>,
-    /// Pairs that may differ from what was told; some more than once.
+    /// Pairs that may differ from what was reported; some more than once.
     touched: Vec<Pair>,
     /// How many of them there were when they were last looked through.
     touched_kept: usize,
@@ -280,7 +280,7 @@ impl ExactPairs {
         self.touched_kept = self.touched.len();
     }
 
-    /// Answers, as the last edit was [noted](Self::note) to want. Unless that is nothing, near pairs are
+    /// Answers, as the last edit was [noted](Self::note) to need. Unless that is nothing, near pairs are
     /// those of now.
     pub fn report(&mut self, report: Report, now: &SceneCopy, threads: Option<usize>) -> &Reported {
         if report != Report::Nothing {
@@ -379,7 +379,7 @@ impl ExactPairs {
         }
     }
 
-    /// Forgets what was told: the next changes are a [resync](Reported::is_resync).
+    /// Drops what was reported: the next changes are a [resync](Reported::is_resync).
     pub fn resync(&mut self) {
         (self.is_lost, self.is_open) = (true, false);
         self.touched.clear();

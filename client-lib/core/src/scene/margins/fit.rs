@@ -16,8 +16,8 @@ pub(super) fn to_send(b: &Aabb, margin: Margin) -> Aabb {
 /// Whether the box lies within what was sent of it, and not far within. With the default floating-point
 /// flags.
 ///
-/// A box that has become empty or invalid does not fit a solid one, nor the other way round:
-/// [`KeyBox::NOTHING`] lies within every box, and no solid box within it.
+/// A box that has become empty or invalid does not fit a valid one, nor the other way round:
+/// [`KeyBox::NOTHING`] lies within every box, and no valid box within it.
 #[inline]
 pub(super) fn fits(sent: &Aabb, now: &Aabb, margin: Margin) -> bool {
     let (sent, key) = (KeyBox::from(sent), KeyBox::from(now));
@@ -96,7 +96,7 @@ mod tests {
             let sent = to_send(&was, margins.0);
             if fits(&sent, &now, margins.1) {
                 prop_assert!(!now.overlaps(&other) || sent.overlaps(&other));
-                prop_assert_eq!(sent.class() == BoxClass::Solid, now.class() == BoxClass::Solid);
+                prop_assert_eq!(sent.class() == BoxClass::Valid, now.class() == BoxClass::Valid);
             }
         }
     }

@@ -143,7 +143,7 @@ impl Margined {
     /// needed. [`apply`](Self::apply) or [`cancel`](Self::cancel) is to follow.
     ///
     /// # Errors
-    /// [`EditError`]; the edit is forgotten then.
+    /// [`EditError`]; the edit is dropped then.
     pub fn choose(
         &mut self,
         edit: Edit<'_>,
@@ -182,7 +182,7 @@ impl Margined {
         steps
     }
 
-    /// Forgets an edit that the scene has refused.
+    /// Drops an edit that the scene has refused.
     pub fn cancel(&mut self, edit: Edit<'_>) {
         self.now.cancel(edit);
     }
@@ -280,7 +280,7 @@ impl Margined {
 fn is_sent(step: &Step<'_>) -> bool {
     match step {
         Step::Set(_) => false,
-        Step::Remove(indices) | Step::Switch(indices, _) | Step::Static(indices, _) => {
+        Step::Remove(indices) | Step::Enable(indices, _) | Step::Static(indices, _) => {
             indices.last().is_some()
         }
         _ => true,

@@ -7,7 +7,7 @@
 //!
 //! The boxes of now are in a [`SceneCopy`](super::SceneCopy), which checks edits as scenes do. [`Outgoing`]
 //! finds what of an edit is to be sent. [`ExactPairs`] keeps the near pairs (`rows`), tests those around
-//! boxes that changed, and tells what a scene of the boxes of now would tell. [`Margined`] is all of it for one scene.
+//! boxes that changed, and reports what a scene of the boxes of now would report. [`Margined`] is all of it for one scene.
 
 mod exact;
 mod fit;

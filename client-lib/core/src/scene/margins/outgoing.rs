@@ -56,7 +56,7 @@ pub struct Outgoing {
 }
 
 impl Outgoing {
-    /// Forgets what was chosen.
+    /// Drops what was chosen.
     pub fn clear(&mut self) {
         self.indices.clear();
         self.boxes.clear();

@@ -15,7 +15,7 @@ pub(super) mod state {
     /// It is near: a pair of the boxes that were sent.
     pub const NEAR: u32 = MOST_BOXES;
     pub const IS: u32 = MOST_BOXES << 1;
-    /// It was told: it was a pair at the last taken answer.
+    /// It was reported: it was a pair at the last taken answer.
     pub const WAS: u32 = MOST_BOXES << 2;
 }
 use state::{IS, NEAR, WAS};
@@ -32,7 +32,7 @@ pub(super) struct Rows {
     links: Vec<Vec<u32>>,
     /// Rows that are no longer in order; some more than once.
     unsorted: Vec<u32>,
-    /// Rows with pairs that are neither near nor were told; some more than once.
+    /// Rows with pairs that are neither near nor were reported; some more than once.
     dead: Vec<u32>,
 }
 
@@ -53,21 +53,21 @@ impl Rows {
     }
 
     #[inline]
-    fn place(&self, row: u32, other: u32) -> Option<usize> {
+    fn position(&self, row: u32, other: u32) -> Option<usize> {
         self.links[row as usize].binary_search_by_key(&other, |link| link & INDEX).ok()
     }
 
     /// The state of a pair; 0 where the rows do not have it. Rows are in order.
     #[inline]
     pub fn state(&self, [a, b]: Pair) -> u32 {
-        self.place(a, b).map_or(0, |at| self.links[a as usize][at] & !INDEX)
+        self.position(a, b).map_or(0, |at| self.links[a as usize][at] & !INDEX)
     }
 
     /// Sets the state of a pair to what `to` makes of it; the state that it had, if the rows have it. Rows are in
     /// order.
     #[inline]
     pub fn update(&mut self, [a, b]: Pair, to: impl FnOnce(u32) -> u32) -> Option<u32> {
-        let at = self.place(a, b)?;
+        let at = self.position(a, b)?;
         let link = &mut self.links[a as usize][at];
         let before = *link & !INDEX;
         let state = to(before);
@@ -75,7 +75,7 @@ impl Rows {
             return Some(before);
         }
         *link = b | state;
-        if let Some(at) = self.place(b, a) {
+        if let Some(at) = self.position(b, a) {
             self.links[b as usize][at] = a | state;
         }
         if state & (NEAR | WAS) == 0 {
@@ -95,7 +95,7 @@ impl Rows {
         }
     }
 
-    /// Brings rows in order, and takes out pairs that are neither near nor were reported. A row is gone through
+    /// Brings rows in order, and takes out pairs that are neither near nor were reported. A row is read through
     /// once, however many of its pairs have changed.
     pub fn tidy(&mut self) {
         let Self { links, unsorted, dead } = self;

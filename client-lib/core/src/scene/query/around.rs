@@ -7,7 +7,7 @@ use crate::aabb::{Aabb, KeyBox};
 use crate::engine::CullError;
 use crate::floats;
 use crate::scene::cells::{
-    BATCH, BATCHES, CHANGED, Candidate, Cells, INDEX, Looked, in_stages, is_solid,
+    BATCH, BATCHES, CHANGED, Candidate, Cells, INDEX, Looked, in_stages, is_valid,
 };
 use crate::scene::fetch::ask_for;
 use crate::scene::history::in_order_of;
@@ -86,9 +86,9 @@ pub(super) fn find(
     let is_sorted = boxes.len() >= SORTED_BOXES && count * SORTED_SHARE > boxes.len();
     order.clear();
     if is_sorted {
-        let place = |(number, query)| [cells.near(query), number];
-        let places = floats::with_default(|| (0u32..).zip(queries).map(place).collect());
-        in_order_of(places, order);
+        let slot = |(number, query)| [cells.near(query), number];
+        let slots = floats::with_default(|| (0u32..).zip(queries).map(slot).collect());
+        in_order_of(slots, order);
     } else {
         order.extend(0..count as u32);
     }
@@ -153,7 +153,7 @@ impl Batch {
         for &number in some {
             // A copy: another process may write queries while they are read.
             let query = queries[number as usize];
-            if is_solid(&query) {
+            if is_valid(&query) {
                 numbers.push(number);
                 here.push(query);
             }

@@ -9,7 +9,7 @@ use super::{around, direct};
 use crate::aabb::Aabb;
 use crate::engine::CullError;
 use crate::floats;
-use crate::scene::cells::{Cells, is_solid};
+use crate::scene::cells::{Cells, is_valid};
 use crate::scene::pair_list::{Pair, Sorter};
 use crate::team::{self, in_parts, part_count};
 
@@ -114,7 +114,7 @@ impl Sieve {
     fn of(boxes: &[Aabb]) -> Self {
         floats::with_default(|| {
             let (mut low, mut high) = ([FARTHEST; 3], [-FARTHEST; 3]);
-            for b in boxes.iter().filter(|b| is_solid(b)) {
+            for b in boxes.iter().filter(|b| is_valid(b)) {
                 for axis in 0..3 {
                     low[axis] = low[axis].min(b.min[axis].max(-FARTHEST));
                     high[axis] = high[axis].max(b.max[axis].min(FARTHEST));
@@ -126,8 +126,8 @@ impl Sieve {
             };
             let per_unit = [per_unit(0), per_unit(1), per_unit(2)];
             let mut sieve = Self { origin: low, per_unit, rows: vec![0; SIEVE * SIEVE] };
-            for b in boxes.iter().copied().filter(is_solid) {
-                let (word, [ys, zs]) = sieve.place(&b);
+            for b in boxes.iter().copied().filter(is_valid) {
+                let (word, [ys, zs]) = sieve.cells_of(&b);
                 for z in zs {
                     for y in ys.clone() {
                         sieve.rows[z * SIEVE + y] |= word;
@@ -138,10 +138,10 @@ impl Sieve {
         })
     }
 
-    /// The cells of a solid box: those along x as bits, those along y and z as ranges. A coordinate's map is
+    /// The cells of a valid box: those along x as bits, those along y and z as ranges. A coordinate's map is
     /// monotone, so that boxes that overlap share a cell.
     #[inline(always)]
-    fn place(&self, b: &Aabb) -> (u64, [std::ops::RangeInclusive<usize>; 2]) {
+    fn cells_of(&self, b: &Aabb) -> (u64, [std::ops::RangeInclusive<usize>; 2]) {
         debug_assert!(floats::are_default());
         let cell = |axis: usize, x: f32| {
             let cells = (x - self.origin[axis]) * self.per_unit[axis];
@@ -155,10 +155,10 @@ impl Sieve {
     /// Whether a box may overlap one of the set.
     #[inline(always)]
     fn keeps(&self, b: &Aabb) -> bool {
-        if !is_solid(b) {
+        if !is_valid(b) {
             return false;
         }
-        let (word, [ys, zs]) = self.place(b);
+        let (word, [ys, zs]) = self.cells_of(b);
         zs.into_iter().any(|z| {
             let rows = &self.rows[z * SIEVE..][..SIEVE];
             rows.get(ys.clone()).is_some_and(|rows| rows.iter().any(|row| row & word != 0))

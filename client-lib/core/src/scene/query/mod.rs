@@ -3,7 +3,7 @@
 //!
 //! A query looks around its box in the cells that edits are searched in (`around`), where there are any. It
 //! builds them where that has come to cost less than comparing each query with each box (`direct`), and edits
-//! keep them right from then on. What edits tell does not depend on it.
+//! keep them right from then on. What edits report does not depend on it.
 //!
 //! ```text
 //! how      cells or each with each, and which cells             (mod)
@@ -16,12 +16,12 @@ mod around;
 mod between;
 mod crowded;
 mod direct;
+mod filter_data;
 mod mask;
-mod tags;
 
 pub use self::between::between;
+pub use self::filter_data::{QueryError, QueryFilterData};
 pub use self::mask::{BeyondMask, QueryMask, cull_between, is_small_set};
-pub use self::tags::{QueryError, QueryTags};
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -154,43 +154,43 @@ impl Asked {
 }
 
 impl Scene {
-    /// Finds the boxes that some other boxes overlap and, where those have tags, may meet by the filters, but for
+    /// Finds the boxes that some other boxes overlap and, where those have filter data, may meet by the filters, but for
     /// the include and the exclude list: a query has no index. Pairs [query, index], by query and then by index, the
-    /// same on any number of threads. Boxes that are switched off are not found; static ones are. Returns how
+    /// same on any number of threads. Boxes that are disabled are not found; static ones are. Returns how
     /// many boxes were tested.
     ///
-    /// A query changes nothing that edits tell.
+    /// A query changes nothing that edits report.
     ///
     /// ```
     /// use pairmask_core::Aabb;
-    /// use pairmask_core::filters::{Tag, World};
-    /// use pairmask_core::scene::{Edit, QueryTags, Scene, SceneOptions, Sets, Step, Tags, Report};
+    /// use pairmask_core::filters::{FilterData, World};
+    /// use pairmask_core::scene::{Edit, QueryFilterData, Scene, SceneOptions, Sets, Step, FilterDataSets, Report};
     ///
     /// let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 2];
-    /// let tags = [3, 4].map(|world| Tag::default().with_world(World(world)));
+    /// let worlds = [3, 4].map(|world| FilterData::default().with_world(World(world)));
     /// let mut scene = Scene::new(SceneOptions::default());
     /// let set = Step::Set(Sets { indices: (7..9).into(), boxes: &boxes });
-    /// let tag = Step::Tag(Tags { indices: (7..9).into(), tags: &tags });
-    /// scene.edit(Edit { steps: &[set, tag] }, Report::Nothing)?;
+    /// let filter_data = FilterDataSets { indices: (7..9).into(), filter_data: &worlds };
+    /// scene.edit(Edit { steps: &[set, Step::FilterData(filter_data)] }, Report::Nothing)?;
     ///
     /// let mut found = Vec::new();
-    /// scene.query(&[Aabb::point([0.5; 3]), Aabb::point([9.0; 3])], QueryTags::None, &mut found)?;
+    /// scene.query(&[Aabb::point([0.5; 3]), Aabb::point([9.0; 3])], QueryFilterData::None, &mut found)?;
     /// assert_eq!(found, [[0, 7], [0, 8]]);
-    /// scene.query(&[Aabb::point([0.5; 3])], QueryTags::One(tags[1]), &mut found)?;
+    /// scene.query(&[Aabb::point([0.5; 3])], QueryFilterData::One(worlds[1]), &mut found)?;
     /// assert_eq!(found, [[0, 8]]);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     ///
     /// # Errors
-    /// [`QueryError::Tags`]; [`CullError::Reserve`] where there are more pairs than
+    /// [`QueryError::FilterData`]; [`CullError::Reserve`] where there are more pairs than
     /// [may be](Self::limit_query_pairs), or there is no memory for them.
     pub fn query(
         &mut self,
         queries: &[Aabb],
-        tags: QueryTags<'_>,
+        filter_data: QueryFilterData<'_>,
         found: &mut Vec<Pair>,
     ) -> Result<u64, QueryError> {
-        tags.check(queries)?;
+        filter_data.check(queries)?;
         found.clear();
         if queries.is_empty() || self.store.boxes().is_empty() {
             return Ok(0);
@@ -206,7 +206,7 @@ impl Scene {
             Some(cells) => around::find(cells, boxes, queries, threads, &room, memory, found)?,
             None => direct::find(boxes, queries, threads, &room, found)?,
         };
-        tags.filter(self.filters(), |index| self.store.states.has(index, STILL), found);
+        filter_data.filter(self.filters(), |index| self.store.states.has(index, STILL), found);
         Ok(tested)
     }
 
@@ -241,7 +241,7 @@ impl Scene {
         self.asked.compared = 0;
         let (store, threads) = (&self.store, self.threads);
         let Some(cells) = &mut self.asked.cells else { return };
-        let moved = [store.gone(), store.named()];
+        let moved = [store.ended(), store.named()];
         let count = moved[0].len() + moved[1].len();
         self.asked.moved += count;
         // Where most boxes move, or nobody asks any more, they are built anew when somebody does.

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashSet};
 use std::ops::Range;
 
 use super::MemberId;
-use crate::scene::edit::{Edit, Indices, Sets, Step, Tags};
+use crate::scene::edit::{Edit, FilterDataSets, Indices, Sets, Step};
 
 /// Leases that one scene may have: a member that leases index by index would be work without end.
 const MOST_LEASES: usize = 4_096;
@@ -198,7 +198,7 @@ impl Ranges {
     /// the writer with the lowest lease, who may give the table of filters.
     ///
     /// # Errors
-    /// [`NotLeased`] with the first thing that is not.
+    /// [`NotLeased`] with the first index that is not.
     pub fn allow(&self, edit: Edit<'_>, is_first: bool) -> Result<(), NotLeased> {
         let check = |indices: &Indices<'_>| {
             let beyond = indices.last().filter(|last| *last > u64::from(u32::MAX));
@@ -230,10 +230,10 @@ impl Ranges {
         for step in edit.steps {
             match step {
                 Step::Remove(indices)
-                | Step::Switch(indices, _)
+                | Step::Enable(indices, _)
                 | Step::Static(indices, _)
                 | Step::Set(Sets { indices, .. })
-                | Step::Tag(Tags { indices, .. }) => check(indices)?,
+                | Step::FilterData(FilterDataSets { indices, .. }) => check(indices)?,
                 Step::Include(pairs, _) | Step::Exclude(pairs, _) => {
                     check(&Indices::List(pairs.as_flattened()))?;
                 }
@@ -319,7 +319,7 @@ mod tests {
         assert_eq!(allow(Step::Remove((5..12).into())), Ok(()));
         assert_eq!(allow(Step::Remove((5..13).into())), wrong(12));
         assert_eq!(allow(Step::Remove(Indices::Range { first: 99, count: 0 })), Ok(()));
-        assert_eq!(allow(Step::Switch((&[29, 5]).into(), true)), Ok(()));
+        assert_eq!(allow(Step::Enable((&[29, 5]).into(), true)), Ok(()));
         assert_eq!(allow(Step::Static((&[29, 30]).into(), true)), wrong(30));
         let far = Indices::Range { first: u32::MAX, count: 2 };
         assert_eq!(allow(Step::Remove(far)), wrong(1 << 32));

@@ -1,5 +1,5 @@
 //! One scene that several members write: who may write which indices, when a tick ends, and what each
-//! member has not been told yet. State machines without effects: a daemon gives them instants and events.
+//! member has not received yet. State machines without effects: a daemon gives them instants and events.
 //!
 //! ```text
 //! leases       ranges of indices, each of one member; what an edit of a member may name
@@ -17,7 +17,7 @@ mod unreported;
 
 pub use self::leases::{LeaseError, Leases, NotLeased, Ranges};
 pub use self::moved::MovedBoxes;
-pub use self::remains::{KeptBoxes, Remains, Reset, remove_range};
+pub use self::remains::{RemainingBoxes, Remains, Reset, remove_range};
 pub use self::ticks::{Closed, Ticks};
 pub use self::unreported::{Incarnations, NamedPair, TickChanges, Unreported};
 
@@ -43,6 +43,6 @@ pub enum AtEnd {
     #[default]
     Remove,
     /// They stay where they are, for who leases their indices next. A box that this one sets is the same box, with the
-    /// flags, tag and listed pairs that the new writer gives it.
+    /// flags, filter data and listed pairs that the new writer gives it.
     Keep,
 }

@@ -4,9 +4,9 @@ use std::collections::BTreeSet;
 use std::ops::Range;
 
 use super::Ranges;
-use crate::filters::{Tag, in_order};
+use crate::filters::{FilterData, in_order};
 use crate::scene::SceneCopy;
-use crate::scene::edit::{Edit, Indices, Step, Tags};
+use crate::scene::edit::{Edit, FilterDataSets, Indices, Step};
 use crate::scene::error::EditError;
 
 /// Removes the boxes of indices that are no longer a member's, and listed pairs that name them, from what it keeps.
@@ -63,10 +63,10 @@ impl Remains {
 
 /// Boxes that were kept when the lease of their indices ended, until who leases them next sets them.
 ///
-/// A box that is set anew is the same box, so that a writer that restarts ends no pair. But flags, tag and entries in
+/// A box that is set anew is the same box, so that a writer that restarts ends no pair. But flags, filter data and entries in
 /// pair lists are those that its new writer gives it, and the usual ones where it gives none.
 #[derive(Debug, Default)]
-pub struct KeptBoxes {
+pub struct RemainingBoxes {
     boxes: BTreeSet<u32>,
     /// Listed pairs that name one of them, and that nobody has listed again.
     included: BTreeSet<[u32; 2]>,
@@ -77,12 +77,12 @@ pub struct KeptBoxes {
 #[derive(Debug)]
 pub struct Reset {
     indices: Vec<u32>,
-    tags: Vec<Tag>,
+    filter_data: Vec<FilterData>,
     included: Vec<[u32; 2]>,
     excluded: Vec<[u32; 2]>,
 }
 
-impl KeptBoxes {
+impl RemainingBoxes {
     /// Boxes of a scene in ranges that are nobody's any more are kept.
     pub fn keep(&mut self, copy: &SceneCopy, ranges: &Ranges) {
         let Remains { boxes, included, excluded } = Remains::of(copy, ranges);
@@ -126,8 +126,8 @@ impl KeptBoxes {
             lost
         };
         let [included, excluded] = [&mut self.included, &mut self.excluded].map(lost);
-        let tags = vec![Tag::default(); indices.len()];
-        (!indices.is_empty()).then_some(Reset { indices, tags, included, excluded })
+        let filter_data = vec![FilterData::default(); indices.len()];
+        (!indices.is_empty()).then_some(Reset { indices, filter_data, included, excluded })
     }
 }
 
@@ -136,9 +136,9 @@ impl Reset {
     pub fn steps<'a>(&'a self, edit: Edit<'a>) -> Vec<Step<'a>> {
         let indices: Indices<'a> = (&self.indices).into();
         let mut steps = vec![
-            Step::Switch(indices, true),
+            Step::Enable(indices, true),
             Step::Static(indices, false),
-            Step::Tag(Tags { indices, tags: &self.tags }),
+            Step::FilterData(FilterDataSets { indices, filter_data: &self.filter_data }),
             Step::Include(&self.included, false),
             Step::Exclude(&self.excluded, false),
         ];
@@ -187,19 +187,20 @@ mod tests {
     }
 
     #[test]
-    fn kept_boxes_lose_flags_tags_and_lists_when_they_are_set_anew() {
+    fn remaining_boxes_lose_flags_filter_data_and_lists_when_set_anew() {
         let mut copy = SceneCopy::new(30);
-        let (boxes, tags) = ([Aabb::EMPTY; 4], [Tag::default().with_owner(Owner(3)); 3]);
+        let (boxes, filter_data) =
+            ([Aabb::EMPTY; 4], [FilterData::default().with_owner(Owner(3)); 3]);
         let set = Step::Set(Sets { indices: (2..6).into(), boxes: &boxes });
         let steps = [
             set,
             Step::Static((2..5).into(), true),
-            Step::Switch((2..5).into(), false),
-            Step::Tag(Tags { indices: (2..5).into(), tags: &tags }),
+            Step::Enable((2..5).into(), false),
+            Step::FilterData(FilterDataSets { indices: (2..5).into(), filter_data: &filter_data }),
             Step::Exclude(&[[2, 3], [3, 4], [2, 5]], true),
         ];
         apply(&mut copy, &steps);
-        let mut kept = KeptBoxes::default();
+        let mut kept = RemainingBoxes::default();
         kept.keep(&copy, &std::iter::once(2..4).collect());
         // Index 2 is set anew; 3 is removed, and then another box comes.
         let mut set_anew = |copy: &mut SceneCopy, steps: &[Step<'_>]| {
@@ -212,8 +213,8 @@ mod tests {
         let one =
             |index: u32| Step::Set(Sets { indices: (index..index + 1).into(), boxes: &boxes[..1] });
         let seen = |copy: &SceneCopy, index| {
-            let kept = copy.kept(index).expect("a box");
-            (kept.is_on, kept.is_static, copy.states().tag(index).owner)
+            let kept = copy.snapshot(index).expect("a box");
+            (kept.is_on, kept.is_static, copy.states().filter_data(index).owner)
         };
         assert!(set_anew(&mut copy, &[one(2), Step::Exclude(&[[2, 5]], true)]));
         assert_eq!(seen(&copy, 2), (true, false, Owner::NONE));

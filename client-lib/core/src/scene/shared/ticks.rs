@@ -68,9 +68,9 @@ impl Ticks {
         is_first
     }
 
-    /// A member is gone, and its commit with it; [`wait_for`](Self::wait_for) is to follow where it was a
+    /// A member has left, and its commit with it; [`wait_for`](Self::wait_for) is to follow where it was a
     /// writer. A tick that nobody else has committed in is no longer open.
-    pub fn forget(&mut self, member: MemberId) {
+    pub fn discard(&mut self, member: MemberId) {
         self.committed.remove(&member);
         if self.committed.is_empty() {
             self.closes_at = None;
@@ -137,17 +137,17 @@ mod tests {
     }
 
     #[test]
-    fn who_is_gone_is_not_waited_for() {
+    fn who_is_ended_is_not_waited_for() {
         let (mut ticks, now) = (Ticks::new(10 * MS), Instant::now());
         ticks.wait_for(vec![A]);
         assert!(ticks.commit(A, now));
-        ticks.forget(A);
+        ticks.discard(A);
         ticks.wait_for(vec![]);
         assert_eq!((ticks.closes_at(), ticks.close(now)), (None, None));
         ticks.wait_for(vec![B, A]);
         assert!(ticks.commit(A, now));
         assert_eq!(ticks.close(now), None);
-        ticks.forget(B);
+        ticks.discard(B);
         ticks.wait_for(vec![A]);
         assert_eq!(ticks.close(now), Some(Closed { number: 1, late: vec![] }));
     }

@@ -160,7 +160,7 @@ impl Unreported {
         *self = Self { answered_at, received_at, ..Self::default() };
     }
 
-    /// The tick of the last answer that the member received, whatever it reported: moved pairs are those of boxes that
+    /// The tick of the last answer that the member received, regardless of what it reported: moved pairs are those of boxes that
     /// later ticks have named. 0 before.
     pub const fn received_at(&self) -> u64 {
         self.received_at
@@ -180,13 +180,14 @@ impl Unreported {
         }
     }
 
-    /// The scene has changed. The member is to know of pairs that are `heard`.
-    pub fn note(&mut self, changes: &TickChanges, heard: impl Fn(Pair) -> bool) {
+    /// The scene has changed. The member is to know of pairs that are `received`.
+    pub fn note(&mut self, changes: &TickChanges, received: impl Fn(Pair) -> bool) {
         if !self.is_known && self.answered.is_none() {
             return;
         }
-        let heard = |list: &[NamedPair]| list.iter().copied().filter(|n| heard(n.pair)).collect();
-        let later = Changes { begun: heard(&changes.begun), ended: heard(&changes.ended) };
+        let received =
+            |list: &[NamedPair]| list.iter().copied().filter(|n| received(n.pair)).collect();
+        let later = Changes { begun: received(&changes.begun), ended: received(&changes.ended) };
         let joined = std::mem::take(&mut self.since).then(later);
         if is_resync_due(joined.len(), changes.pair_count) {
             self.resync();
@@ -257,8 +258,8 @@ mod tests {
         incarnations: Option<&mut Incarnations>,
     ) {
         let has = |index: &u32| scene.get(*index).is_some();
-        let who = |wanted: &dyn Fn(u8) -> bool| -> Vec<u32> {
-            (0..INDICES).filter(|index| wanted(does[*index as usize].0 % 12)).collect()
+        let who = |requested: &dyn Fn(u8) -> bool| -> Vec<u32> {
+            (0..INDICES).filter(|index| requested(does[*index as usize].0 % 12)).collect()
         };
         let removed: Vec<u32> = who(&|what| what < 2).into_iter().filter(has).collect();
         let set = who(&|what| (1..6).contains(&what));
@@ -275,8 +276,8 @@ mod tests {
         let steps = [
             Step::Remove((&removed).into()),
             Step::Set(Sets { indices: (&set).into(), boxes: &boxes }),
-            Step::Switch((&off).into(), false),
-            Step::Switch((&on).into(), true),
+            Step::Enable((&off).into(), false),
+            Step::Enable((&on).into(), true),
         ];
         let edit = Edit { steps: &steps };
         scene.edit(edit, report).expect("a right edit");
@@ -286,7 +287,7 @@ mod tests {
     }
 
     proptest! {
-        /// Several ticks, put together, are what a scene tells whose answers were not taken.
+        /// Several ticks, put together, are what a scene reports whose answers were not taken.
         #[test]
         fn ticks_put_together_are_what_a_scene_reports(
             ticks in prop::collection::vec(
@@ -296,7 +297,7 @@ mod tests {
             let options = SceneOptions::default().with_threads(1);
             let (mut asked, mut ticking) = (Scene::new(options), Scene::new(options));
             let own: Ranges = [own..INDICES].into_iter().collect();
-            let heard = |[a, b]: Pair| own.has(a) || own.has(b);
+            let received = |[a, b]: Pair| own.has(a) || own.has(b);
             let mut incarnations = Incarnations::default();
             let (mut all, mut some) = (Unreported::default(), Unreported::default());
             asked.resync();
@@ -307,7 +308,7 @@ mod tests {
                 let pair_count = ticking.reported().pair_count;
                 let changes = TickChanges::of(ticking.reported(), &incarnations);
                 all.note(&changes, |_| true);
-                some.note(&changes, heard);
+                some.note(&changes, received);
                 ticking.acknowledge();
                 ticking.edit(Edit::NONE, Report::All).expect("all pairs");
                 let pairs = ticking.reported().pairs().to_vec();
@@ -325,20 +326,20 @@ mod tests {
                 };
                 let expected = asked.reported();
                 let is_acknowledged = choice > 3;
-                for (unreported, wanted) in [(&mut all, None), (&mut some, Some(&own))] {
-                    let heard = |[a, b]: &Pair| wanted.is_none_or(|own| own.has(*a) || own.has(*b));
-                    let of_now: Vec<Pair> = pairs.iter().copied().filter(heard).collect();
+                for (unreported, requested) in [(&mut all, None), (&mut some, Some(&own))] {
+                    let received = |[a, b]: &Pair| requested.is_none_or(|own| own.has(*a) || own.has(*b));
+                    let of_now: Vec<Pair> = pairs.iter().copied().filter(received).collect();
                     let of_now = Arc::new(of_now);
                     let answer = unreported.answer(report, 1, of_now, pair_count, reason);
                     prop_assert_eq!(answer.is_resync(), expected.is_resync());
                     prop_assert_eq!(answer.pair_count(), expected.pair_count());
                     let of = |pairs: &[Pair]| -> Vec<Pair> {
-                        pairs.iter().copied().filter(heard).collect()
+                        pairs.iter().copied().filter(received).collect()
                     };
                     prop_assert_eq!(answer.begun(), of(expected.begun()));
                     prop_assert_eq!(answer.pairs(), of(expected.pairs()));
                     let ended: Vec<Ended> =
-                        expected.ended().iter().copied().filter(|e| heard(&e.pair)).collect();
+                        expected.ended().iter().copied().filter(|e| received(&e.pair)).collect();
                     prop_assert_eq!(answer.ended(), ended);
                     unreported.acknowledge(is_acknowledged);
                 }
@@ -379,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn a_removal_is_not_forgotten_while_an_answer_is_not_acknowledged() {
+    fn a_removal_is_not_dropped_while_an_answer_is_not_acknowledged() {
         let mut of = Incarnations::default();
         let mut unreported = knows_all();
         unreported.note(&tick(&[[0, 1]], &[], &of), |_| true);

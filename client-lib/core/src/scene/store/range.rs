@@ -2,7 +2,7 @@
 
 use super::{Store, are_same};
 use crate::aabb::Aabb;
-use crate::scene::states::{CHANGED, EDIT_SETS, NAMED, OFF, PRESENT};
+use crate::scene::states::{CHANGED, DISABLED, EDIT_SETS, NAMED, PRESENT};
 use crate::team::{in_parts, part_count};
 
 /// Fewest boxes of an edit that is applied so.
@@ -25,14 +25,14 @@ struct Noted {
     any_differs: bool,
     /// Those that changed for the first time.
     changed: Vec<u32>,
-    /// Those that are switched off, which stay so.
-    parked: Vec<(u32, Aabb)>,
+    /// Those that are disabled, which stay so.
+    disabled: Vec<(u32, Aabb)>,
 }
 
 impl Noted {
     fn with(mut self, mut later: Self) -> Self {
         self.changed.append(&mut later.changed);
-        self.parked.append(&mut later.parked);
+        self.disabled.append(&mut later.disabled);
         Self {
             inserted: self.inserted + later.inserted,
             any_differs: self.any_differs | later.any_differs,
@@ -73,7 +73,7 @@ impl Store {
         } else {
             self.changed.append(&mut noted.changed);
         }
-        self.parked.extend(noted.parked);
+        self.disabled.extend(noted.disabled);
     }
 }
 
@@ -84,8 +84,8 @@ impl Part<'_> {
         for ((index, set), ((b, then), bits)) in (self.first..).zip(self.set).zip(kept) {
             noted.inserted += usize::from(*bits & PRESENT == 0);
             *bits = *bits & !EDIT_SETS | PRESENT | NAMED;
-            if *bits & OFF != 0 {
-                noted.parked.push((index, *set));
+            if *bits & DISABLED != 0 {
+                noted.disabled.push((index, *set));
                 continue;
             }
             if are_same(b, set) {
@@ -118,9 +118,9 @@ mod tests {
             list
         };
         let boxes: Vec<[u32; 6]> = store.boxes().iter().map(|b| bytemuck::cast(*b)).collect();
-        let lists = [store.named(), store.changed(), store.gone()].map(sorted);
+        let lists = [store.named(), store.changed(), store.ended()].map(sorted);
         let bits = store.states.bits().to_vec();
-        let counts = [store.states.present(), store.states.active(), store.parked.len()];
+        let counts = [store.states.present(), store.states.active(), store.disabled.len()];
         (boxes, bits, lists, counts, store.is_changed())
     }
 
@@ -151,7 +151,7 @@ mod tests {
             }
             let others = [
                 Step::Remove(Indices::List(if tick == 3 { &removed } else { &[] })),
-                Step::Switch(Indices::List(if tick == 2 { &off } else { &[] }), false),
+                Step::Enable(Indices::List(if tick == 2 { &off } else { &[] }), false),
             ];
             // Without other steps, ranges are not checked one by one.
             if tick > 1 {
@@ -165,8 +165,8 @@ mod tests {
             }
             assert!(seen(&by_ranges) == seen(&by_lists), "tick {tick}");
             if tick == 4 {
-                by_ranges.forget();
-                by_lists.forget();
+                by_ranges.discard();
+                by_lists.discard();
             }
         }
         // Ranges that name an index twice are refused, also where they fall.

@@ -1,6 +1,6 @@
 //! The filter with AVX2: 4 columns a comparison.
 #![allow(unsafe_code)]
-// A dozen intrinsics by name would tell a reader nothing.
+// A dozen intrinsics by name would not help a reader.
 #![allow(clippy::wildcard_imports)]
 
 use std::arch::x86_64::*;

@@ -40,7 +40,7 @@ per_isa! {
     }
 }
 
-/// Tests 64 columns, in a form that compilers turn into whatever SIMD they have.
+/// Tests 64 columns, in a form that compilers turn into any SIMD that they have.
 #[inline(always)]
 fn test(ball: &Ball, columns: &Columns<'_>) -> Verdict {
     let [x, y, z, radius] = columns;

@@ -22,8 +22,8 @@ use pairmask_shaders::layouts::BatchReport;
 use self::plan::BandLimits;
 use self::steps::{Recording, Scratch};
 use super::{
-    Block, EngineOptions, Frame, FrameCache, FrameKey, Gpu, GpuError, ImportError, ImportId,
-    MaskPlace, Pipelines, Place, PlacedBoxes, QueueRole, StepTime, Transfers, Tuning,
+    Block, BlockOffset, EngineOptions, Frame, FrameCache, FrameKey, Gpu, GpuError, ImportError,
+    ImportId, MaskTarget, Pipelines, QueueRole, StepTime, Transfers, Tuning, UploadedBoxes,
 };
 use crate::execute::frame_memory::end_process;
 
@@ -83,15 +83,15 @@ impl AllPairs {
     }
 
     /// Ends an import. Call it when the mapping of the range ends.
-    pub fn forget(&mut self, id: ImportId) {
-        let forgotten = self.transfers.imports.lock().forget(id);
-        for block in forgotten {
+    pub fn discard(&mut self, id: ImportId) {
+        let discarded = self.transfers.imports.lock().discard(id);
+        for block in discarded {
             self.drop_frames_of(&block);
         }
     }
 
     pub(in crate::execute) fn drop_frames_of(&mut self, block: &Arc<Block>) {
-        self.frames.forget(|key| key.uses(block));
+        self.frames.discard(|key| key.uses(block));
     }
 
     /// Times of the last frame's steps, band by band, if the engine is profiled.
@@ -102,8 +102,8 @@ impl AllPairs {
     fn run(
         &mut self,
         n: BoxCount,
-        boxes: &PlacedBoxes,
-        mask: &MaskPlace,
+        boxes: &UploadedBoxes,
+        mask: &MaskTarget,
         shape: MaskShape,
         capacity: u64,
         mut replaced: bool,
@@ -124,8 +124,8 @@ impl AllPairs {
                 encoding,
                 capacity,
                 chunk,
-                input: Place::of(&boxes.part),
-                output: Place::of(&mask.part),
+                input: BlockOffset::of(&boxes.part),
+                output: BlockOffset::of(&mask.part),
                 rules: None,
             };
             let recording = Recording {
@@ -143,7 +143,7 @@ impl AllPairs {
                 recording.steps(pipelines, (chunk == 0).then_some(&boxes.part), bands)
             })?;
             let run = LentRun { frame, writes_reply: mask.is_reply };
-            run.frame.run(patience(pairs_per_band * bands.len() as u64))?;
+            run.frame.run(timeout(pairs_per_band * bands.len() as u64))?;
             if self.options.profiled {
                 self.step_times.extend(run.frame.step_times()?);
             }
@@ -173,13 +173,12 @@ impl AllPairs {
         };
         let mut clock = StageClock::start();
         let mut replaced = false;
-        let boxes =
-            self.transfers.place(objects, &mut replaced).map_err(|e| self.cull_error(&e))?;
+        let boxes = self.transfers.put(objects, &mut replaced).map_err(|e| self.cull_error(&e))?;
         clock.ingested();
         let mut capacity = found.map_or(0, |found| plan::first_capacity(found, n).min(room));
         loop {
-            let shape = |items| match found {
-                Some(found) => plan::shape(found, n, capacity, items),
+            let shape = |entries| match found {
+                Some(found) => plan::shape(found, n, capacity, entries),
                 None => MaskShape::dense(n),
             };
             let whole = shape(capacity);
@@ -193,23 +192,23 @@ impl AllPairs {
             let words = whole.extent_words();
             let reserved = &mut reply.reserve(words)?[..words as usize];
             let done = (|| {
-                let mask = self.transfers.place_mask(reserved, &mut replaced)?;
+                let mask = self.transfers.put_mask(reserved, &mut replaced)?;
                 let outcome = self.run(n, &boxes, &mask, whole, capacity, replaced)?;
                 Ok((outcome, mask))
             })();
             let (outcome, mask) = done.map_err(|e: GpuError| self.cull_error(&e))?;
-            let items = found.map_or(0, |found| outcome.items(found));
-            if let Some(found) = found.filter(|_| items > room) {
-                return Err(plan::refusal(plan::words(found, n, items), limit).into());
+            let entries = found.map_or(0, |found| outcome.entries(found));
+            if let Some(found) = found.filter(|_| entries > room) {
+                return Err(plan::refusal(plan::words(found, n, entries), limit).into());
             }
-            if items > capacity {
+            if entries > capacity {
                 // Counted, not written: come back with room for exactly that many.
-                capacity = items;
+                capacity = entries;
                 replaced = false;
                 continue;
             }
             clock.executed();
-            let shape = shape(items);
+            let shape = shape(entries);
             mask.read_back(shape, reserved);
             return Ok(report(n, shape, &outcome, clock.published()));
         }
@@ -268,7 +267,7 @@ impl Engine for AllPairs {
 }
 
 /// When the device counts as hung: a software adapter does some 10^8 pairs a second.
-fn patience(pairs: u64) -> Duration {
+fn timeout(pairs: u64) -> Duration {
     Duration::from_secs(10 + pairs / 50_000_000)
 }
 
@@ -289,12 +288,12 @@ impl Outcome {
             outcome.words += u64::from(batch.words);
             outcome.pairs += u64::from(batch.pairs);
             outcome.census.empty += batch.empty;
-            for (bits, place) in batch.invalid.iter().zip((0u32..).step_by(32)) {
+            for (bits, put) in batch.invalid.iter().zip((0u32..).step_by(32)) {
                 let census = &mut outcome.census;
                 let invalid = census.invalid;
                 // No more than are named are looked at one by one.
                 for bit in MaskWord(*bits).bits().take(NAMED_INVALID) {
-                    census.note(first + place + bit, BoxClass::Invalid);
+                    census.note(first + put + bit, BoxClass::Invalid);
                 }
                 census.invalid = invalid + bits.count_ones();
             }
@@ -302,7 +301,7 @@ impl Outcome {
         outcome
     }
 
-    const fn items(&self, found: Found) -> u64 {
+    const fn entries(&self, found: Found) -> u64 {
         match found {
             Found::Words => self.words,
             Found::Pairs => self.pairs,

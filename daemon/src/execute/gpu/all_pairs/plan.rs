@@ -7,7 +7,7 @@ use pairmask_core::{BoxCount, Encoding};
 use pairmask_shaders::constants::{BATCH_BOXES, PADDING, WORD_BITS};
 use pairmask_shaders::{Found, RowsPerThread};
 
-use crate::execute::gpu::grid::plan::most_items;
+use crate::execute::gpu::grid::plan::most_entries;
 
 const WORD_BYTES: u64 = size_of::<u32>() as u64;
 
@@ -156,24 +156,24 @@ pub fn bands(n: BoxCount, tuning: Tuning, encoding: Encoding, limits: &BandLimit
     bands
 }
 
-/// A mask of a kind with room for `capacity` items (mask words without an order, pairs), of which `items` are used.
-pub const fn shape(found: Found, n: BoxCount, capacity: u64, items: u64) -> MaskShape {
+/// A mask of a kind with room for `capacity` items (mask words without an order, pairs), of which `entries` are used.
+pub const fn shape(found: Found, n: BoxCount, capacity: u64, entries: u64) -> MaskShape {
     match found {
-        Found::Words => MaskShape::sparse(n, capacity, items, false),
-        Found::Pairs => MaskShape::list(items),
+        Found::Words => MaskShape::sparse(n, capacity, entries, false),
+        Found::Pairs => MaskShape::list(entries),
     }
 }
 
 /// Words of a reply that a mask of so many items takes.
-pub fn words(found: Found, n: BoxCount, items: u64) -> u64 {
-    shape(found, n, items, items).extent_words()
+pub fn words(found: Found, n: BoxCount, entries: u64) -> u64 {
+    shape(found, n, entries, entries).extent_words()
 }
 
 /// Items that a reply has room for before the mask's size is known, less where the reply holds less: a
 /// function of n and that limit alone, so that the same boxes give the same bytes. Scenes with at
 /// most a few neighbours a box fit; others cost a second run.
 pub fn first_capacity(found: Found, n: BoxCount) -> u64 {
-    (8 * u64::from(n.get())).min(most_items(n, found)).max(1)
+    (8 * u64::from(n.get())).min(most_entries(n, found)).max(1)
 }
 
 /// Items that a mask may have, at least 1.
@@ -257,7 +257,7 @@ mod tests {
             let first = |n| first_capacity(found, BoxCount::new(n));
             assert_eq!(first(0), 1, "an empty section cannot be bound");
             assert_eq!(first(10_000), 80_000);
-            assert_eq!(first(16), most_items(BoxCount::new(16), found));
+            assert_eq!(first(16), most_entries(BoxCount::new(16), found));
         }
     }
 }

@@ -17,7 +17,7 @@
 //! since each looks for the pairs of cells that are its. A software adapter's
 //! threads inherit the flags of the thread that opens the device, which are the default ones
 //! ([`Gpu::open`](super::super::Gpu::open)). Origins and scales are numbers that the host writes into the
-//! layout, whatever they are.
+//! layout, regardless of what they are.
 //!
 //! From there on it is the proof of the CPU's grid (`engine/grid/axis` of `pairmask-core`): where a box b is in a level,
 //!

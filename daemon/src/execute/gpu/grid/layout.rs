@@ -6,7 +6,7 @@ use pairmask_core::engine::grid::folded;
 use pairmask_core::floats;
 use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
-use pairmask_shaders::constants::{GRID_LEVELS, PARKED};
+use pairmask_shaders::constants::{GRID_LEVELS, UNPLACED_A_CELL};
 use pairmask_shaders::layouts::{GridLayout, GridWorlds};
 
 use super::axis::{self, Axis, CELL_LIMIT};
@@ -42,7 +42,7 @@ const SAMPLED_LEVELS: usize = 11;
 /// Each spare level's cells against those of the level before.
 const SPARE_GROWTH: f32 = 4.0;
 
-/// Octaves of sizes below the largest that are told apart.
+/// Octaves of sizes below the largest that are distinguished.
 const OCTAVES: usize = 24;
 
 /// Cost of looking up a run of cells, in tests of a pair.
@@ -58,7 +58,7 @@ pub(in crate::execute::gpu) const fn cells_most(n: u32) -> u64 {
 
 /// Cells of boxes that lie there by their index.
 const fn parking_cells(n: u32) -> u32 {
-    n / PARKED + 1
+    n / UNPLACED_A_CELL + 1
 }
 
 /// Boxes of one octave of sizes, or of several.
@@ -81,7 +81,7 @@ pub(in crate::execute::gpu) struct Chooser {
 }
 
 impl Chooser {
-    /// The layout for a scene: the same one whatever the floating-point flags of this thread.
+    /// The layout for a scene: the same one regardless of the floating-point flags of this thread.
     pub fn choose<'a>(&mut self, objects: impl Into<Objects<'a>>) -> GridLayout {
         let objects = objects.into();
         floats::with_default(|| {
@@ -116,7 +116,7 @@ impl Chooser {
         }
         floats::with_default(|| {
             self.sample.take(objects);
-            self.sample.solid /= worlds as f32;
+            self.sample.valid /= worlds as f32;
             // As many as one world of `n` boxes may have.
             let cells = (cells_most(n) - 1) / u64::from(worlds);
             let parking = parking_cells(in_world);
@@ -135,7 +135,7 @@ impl Chooser {
     pub fn choose_for(&mut self, some: BoxSlice<'_>, n: u32) -> GridLayout {
         floats::with_default(|| {
             self.sample.take(some.into());
-            self.sample.solid *= n as f32 / some.len().max(1) as f32;
+            self.sample.valid *= n as f32 / some.len().max(1) as f32;
             self.choose_levels(&Room::of_scene(n), parking_cells(n))
         })
     }
@@ -149,7 +149,7 @@ impl Chooser {
         for group in groups(&self.sample, &octaves).into_iter().flatten() {
             top = cell_edges(&self.sample, group.edges, margin);
             let share = group.count / self.sample.boxes.len().max(1) as f32;
-            let boxes = share * self.sample.solid;
+            let boxes = share * self.sample.valid;
             let axes = axes(&self.sample, top, boxes, room.least, room.left(&layout, cells));
             push(&mut layout, &mut cells, axes);
         }
@@ -259,7 +259,7 @@ fn level_cost(sample: &Sample, group: &Group, finer: f32) -> f32 {
     let crowd: f32 = (0..3)
         .map(|axis| (edges[axis] / sample.extent[axis].max(f32::MIN_POSITIVE)).min(1.0))
         .product();
-    let in_cell = sample.solid * group.count / sample.boxes.len().max(1) as f32 * crowd;
+    let in_cell = sample.valid * group.count / sample.boxes.len().max(1) as f32 * crowd;
     let own_runs = 0.5 * (around(1, 3.0) * around(2, 3.0) + 1.0);
     let own_cells = 0.5 * around(0, 3.0) * around(1, 3.0) * around(2, 3.0);
     let runs = around(1, 2.0) * around(2, 2.0);

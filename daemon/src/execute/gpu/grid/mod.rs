@@ -28,7 +28,7 @@ use pairmask_shaders::{Found, GridStage, Rules, Stage};
 use self::layout::Chooser;
 use self::plan::LastFound;
 use self::under_way::{Bundle, SharedWorkspace};
-use self::workspace::{Ended, Tools, Wanted, Workspace};
+use self::workspace::{Ended, Requested, Tools, Workspace};
 use super::all_pairs::no_pairs;
 use super::all_pairs::plan::refusal;
 use super::{
@@ -54,13 +54,13 @@ const _: () = assert!(BUNDLE_FRAMES * GridStage::COUNT <= MAX_STEPS);
 pub type Begun<M> = Result<GridUnderWay<M>, (CullError, Option<M>)>;
 
 /// The engine. One thread uses it, for one frame at a time ([`Engine::cull`]) or for some submissions of
-/// one frame or of several ([`Grid::begin`], [`Grid::begin_bundle`]), whose frames end in whatever order
+/// one frame or of several ([`Grid::begin`], [`Grid::begin_bundle`]), whose frames end in any order
 /// ([`Grid::end`]).
 pub struct Grid {
     tools: Tools,
     /// Those of each submission that may be under way. A frame that is alone takes the first.
     workspaces: [[SharedWorkspace; BUNDLE_FRAMES]; SUBMISSIONS],
-    /// That of a frame that is waited for at once, whatever is under way.
+    /// That of a frame that is waited for at once, regardless of what is under way.
     own_workspace: SharedWorkspace,
     bundles: Vec<Bundle>,
 }
@@ -123,8 +123,8 @@ impl Grid {
         let mut frame = GridUnderWay::new(workspace, memory);
         let begun = frame.with(|workspace, objects, reply| {
             let (n, capacity) = self.asked(objects.len(), encoding, reply)?;
-            let wanted = Wanted { n, objects, capacity, is_behind, marks };
-            workspace.begin(&mut self.tools, &wanted, reply)
+            let requested = Requested { n, objects, capacity, is_behind, marks };
+            workspace.begin(&mut self.tools, &requested, reply)
         });
         match begun {
             Ok(()) => Ok(frame),
@@ -155,8 +155,8 @@ impl Grid {
             let mut frame = GridUnderWay::new(workspace, memory);
             let joined = frame.with(|workspace, objects, reply| {
                 let (n, capacity) = self.asked(objects.len(), encoding, reply)?;
-                let wanted = Wanted { n, objects, capacity, is_behind: false, marks: None };
-                workspace.join(&mut self.tools, &wanted, reply, &bundle)
+                let requested = Requested { n, objects, capacity, is_behind: false, marks: None };
+                workspace.join(&mut self.tools, &requested, reply, &bundle)
             });
             begun.push(match joined {
                 Ok(its_steps) => {
@@ -213,13 +213,13 @@ impl Grid {
         Ok((n, self.capacity(n, found, self.tools.last_found.of(found), room)))
     }
 
-    fn capacity(&self, n: BoxCount, found: Found, last_items: u64, room: u64) -> Capacity {
+    fn capacity(&self, n: BoxCount, found: Found, last_entries: u64, room: u64) -> Capacity {
         let bound = plan::room(n, found, self.tools.binding_bytes / 4).unwrap_or(0);
-        Capacity::expected(n, found, last_items, room.min(bound.max(last_items)))
+        Capacity::expected(n, found, last_entries, room.min(bound.max(last_entries)))
     }
 
     /// Waits for a frame and gives its memory back. The memory is `None` where the GPU keeps it, after
-    /// [`CullError::DeviceLost`]. A frame of another engine is given up: its device is gone.
+    /// [`CullError::DeviceLost`]. A frame of another engine is given up: its device is lost.
     pub fn end<M: FrameMemory>(
         &mut self,
         mut frame: GridUnderWay<M>,
@@ -247,18 +247,18 @@ impl Grid {
         loop {
             match workspace.end(&mut self.tools, reply)? {
                 Ended::Report(report) => return Ok(report),
-                Ended::Again { n, found, items, marks } => {
+                Ended::Again { n, found, entries, marks } => {
                     // Counted, not written: come back with room for that many.
                     let limit = reply.limit_words();
-                    let room = plan::room(n, found, limit).filter(|room| items <= *room);
+                    let room = plan::room(n, found, limit).filter(|room| entries <= *room);
                     let Some(room) = room else {
-                        let needed = Sizes::of(n).reply_words(Capacity { found, items });
+                        let needed = Sizes::of(n).reply_words(Capacity { found, entries });
                         return Err(refusal(needed, limit).into());
                     };
-                    let capacity = self.capacity(n, found, items, room);
+                    let capacity = self.capacity(n, found, entries, room);
                     let marks = marks.as_ref();
-                    let wanted = Wanted { n, objects, capacity, is_behind: false, marks };
-                    workspace.begin(&mut self.tools, &wanted, reply)?;
+                    let requested = Requested { n, objects, capacity, is_behind: false, marks };
+                    workspace.begin(&mut self.tools, &requested, reply)?;
                 }
             }
         }
@@ -318,7 +318,7 @@ fn no_room(n: BoxCount, found: Found, limit_words: u64) -> CullError {
         // All pairs needs no room for an order.
         Found::Words => CullError::TooCrowded { engine: ENGINE },
         Found::Pairs => {
-            let needed = Sizes::of(n).reply_words(Capacity { found, items: 1 });
+            let needed = Sizes::of(n).reply_words(Capacity { found, entries: 1 });
             refusal(needed, limit_words).into()
         }
     }

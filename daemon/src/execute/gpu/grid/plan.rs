@@ -72,31 +72,31 @@ impl Sizes {
     }
 
     pub const fn reply_words(&self, capacity: Capacity) -> u64 {
-        let Capacity { found, items } = capacity;
+        let Capacity { found, entries } = capacity;
         match found {
             Found::Words => {
-                self.order_words() + SPARSE_WORDS * items.next_multiple_of(SECTION_ALIGN_WORDS)
+                self.order_words() + SPARSE_WORDS * entries.next_multiple_of(SECTION_ALIGN_WORDS)
             }
-            Found::Pairs => PAIR_WORDS * items,
+            Found::Pairs => PAIR_WORDS * entries,
         }
     }
 
-    /// Where a mask of `items` words or pairs lies: a function of the scene, whatever room there was.
-    pub const fn shape(&self, found: Found, items: u64) -> MaskShape {
-        let stride = items.next_multiple_of(SECTION_ALIGN_WORDS);
+    /// Where a mask of `entries` words or pairs lies: a function of the scene, regardless of the room that there was.
+    pub const fn shape(&self, found: Found, entries: u64) -> MaskShape {
+        let stride = entries.next_multiple_of(SECTION_ALIGN_WORDS);
         let rows = self.order_words();
         match found {
             Found::Words => MaskShape::Sparse {
-                rows: Span { start: rows, len: items },
-                blocks: Span { start: rows + stride, len: items },
-                bits: Span { start: rows + 2 * stride, len: items },
+                rows: Span { start: rows, len: entries },
+                blocks: Span { start: rows + stride, len: entries },
+                bits: Span { start: rows + 2 * stride, len: entries },
                 order: Some(Span { start: 0, len: self.n as u64 }),
             },
-            Found::Pairs => MaskShape::list(items),
+            Found::Pairs => MaskShape::list(entries),
         }
     }
 
-    /// What every stage is told, for a thread that may go through its loops `thread_rounds` times. The capacity's
+    /// What every stage reads, for a thread that may go through its loops `thread_rounds` times. The capacity's
     /// reply fits a binding.
     pub const fn params(&self, capacity: Capacity, thread_rounds: u32) -> GridParams {
         GridParams {
@@ -105,7 +105,7 @@ impl Sizes {
             batch_count: self.batches,
             super_count: self.supers,
             sum_count: self.sums,
-            capacity: capacity.items as u32,
+            capacity: capacity.entries as u32,
             order_words: self.order_words() as u32,
             budget: BUDGET,
             // A row is walked twice where its batch finds more words than the workgroup keeps.
@@ -131,17 +131,17 @@ pub const fn max_boxes(binding_bytes: u64) -> u64 {
 pub struct Capacity {
     pub found: Found,
     /// Mask words, or pairs. At least 1: an empty block cannot be bound.
-    pub items: u64,
+    pub entries: u64,
 }
 
 impl Capacity {
     /// Two items a box, or a quarter more than the last frame had; `room` at the most.
-    pub fn expected(n: BoxCount, found: Found, last_items: u64, room: u64) -> Self {
+    pub fn expected(n: BoxCount, found: Found, last_entries: u64, room: u64) -> Self {
         let boxes = u64::from(n.get());
-        let wanted = (ITEMS_A_BOX * boxes).max(last_items + last_items / 4);
+        let requested = (ITEMS_A_BOX * boxes).max(last_entries + last_entries / 4);
         // Whole pages' worth, so that a slowly growing scene does not record a frame anew each time.
-        let rounded = wanted.next_multiple_of(boxes.next_power_of_two().max(1024));
-        Self { found, items: rounded.min(most_items(n, found)).min(room).max(1) }
+        let rounded = requested.next_multiple_of(boxes.next_power_of_two().max(1024));
+        Self { found, entries: rounded.min(most_entries(n, found)).min(room).max(1) }
     }
 
     pub const fn found_bytes(&self) -> u64 {
@@ -149,12 +149,12 @@ impl Capacity {
             Found::Words => SPARSE_WORDS,
             Found::Pairs => PAIR_WORDS,
         };
-        4 * words * self.items
+        4 * words * self.entries
     }
 }
 
 /// The most mask words, or pairs, that a scene of `n` boxes can have.
-pub const fn most_items(n: BoxCount, found: Found) -> u64 {
+pub const fn most_entries(n: BoxCount, found: Found) -> u64 {
     match found {
         Found::Words => n.sparse_words_max(),
         Found::Pairs => n.pair_count(),
@@ -182,9 +182,9 @@ impl LastFound {
         self.0[found as usize]
     }
 
-    /// Notes a frame. The pairs are known whatever was found.
-    pub const fn note(&mut self, found: Found, items: u64, pairs: u64) {
-        self.0[found as usize] = items;
+    /// Notes a frame. The pairs are known regardless of what was found.
+    pub const fn note(&mut self, found: Found, entries: u64, pairs: u64) {
+        self.0[found as usize] = entries;
         self.0[Found::Pairs as usize] = pairs;
     }
 }
@@ -223,11 +223,14 @@ mod tests {
     fn the_mask_lies_within_the_reply_that_has_room_for_it() {
         for (n, found) in [2, 17, 345].into_iter().flat_map(|n| Found::ALL.map(|f| (n, f))) {
             let (n, sizes) = (BoxCount::new(n), Sizes::of(BoxCount::new(n)));
-            for items in (0..most_items(n, found)).step_by(13) {
-                let shape = sizes.shape(found, items);
+            for entries in (0..most_entries(n, found)).step_by(13) {
+                let shape = sizes.shape(found, entries);
                 assert_eq!(shape.encoding(), found.encoding());
-                let capacity = Capacity { found, items };
-                assert!(shape.extent_words() <= sizes.reply_words(capacity), "{found:?}, {items}");
+                let capacity = Capacity { found, entries };
+                assert!(
+                    shape.extent_words() <= sizes.reply_words(capacity),
+                    "{found:?}, {entries}"
+                );
                 assert!(capacity.found_bytes() <= 4 * sizes.reply_words(capacity), "{found:?}");
             }
         }
@@ -236,12 +239,12 @@ mod tests {
     #[test]
     fn the_capacity_grows_with_the_last_frame_and_never_beyond_what_is_possible() {
         for found in Found::ALL {
-            let items = |n, last| Capacity::expected(n, found, last, u64::MAX).items;
+            let entries = |n, last| Capacity::expected(n, found, last, u64::MAX).entries;
             let n = BoxCount::new(10_000);
-            assert!(items(n, 0) >= 20_000 && items(n, 40_000) >= 50_000);
-            assert_eq!(items(n, u64::from(u32::MAX)), most_items(n, found));
-            assert_eq!(items(BoxCount::new(2), 0), most_items(BoxCount::new(2), found));
-            assert_eq!(Capacity::expected(n, found, 0, 7).items, 7);
+            assert!(entries(n, 0) >= 20_000 && entries(n, 40_000) >= 50_000);
+            assert_eq!(entries(n, u64::from(u32::MAX)), most_entries(n, found));
+            assert_eq!(entries(BoxCount::new(2), 0), most_entries(BoxCount::new(2), found));
+            assert_eq!(Capacity::expected(n, found, 0, 7).entries, 7);
         }
     }
 

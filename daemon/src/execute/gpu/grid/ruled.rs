@@ -15,7 +15,7 @@ use crate::execute::gpu::{Block, Gpu, GpuError, Grid, Growing, Home, Part, Sizes
 use crate::locked;
 
 /// Rules whose marks are kept in video memory: those of a few sessions.
-const KEPT_RULES: usize = 4;
+const CACHED_RULES: usize = 4;
 /// A world may have so many times the boxes of the average one: cells are shared out evenly, so those of
 /// a larger world would be crowded.
 const MOST_UNEVEN: usize = 8;
@@ -83,7 +83,7 @@ impl Ruled {
         } else {
             // Those that no session has any more are not asked for again.
             self.kept.retain(|(of, _)| Arc::strong_count(of) > 1);
-            self.kept.truncate(KEPT_RULES - 1);
+            self.kept.truncate(CACHED_RULES - 1);
             let block = Block::new(gpu, self.home, marks_bytes)?;
             block.write(0, marks.words());
             (Arc::clone(marks), block)

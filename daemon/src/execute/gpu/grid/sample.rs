@@ -1,6 +1,6 @@
 //! A look at a few boxes of the scene: bounds and sizes.
 //!
-//! A pure function of the boxes, so that the same boxes give the same bytes whatever came before.
+//! A pure function of the boxes, so that the same boxes give the same bytes regardless of what came before.
 
 use pairmask_core::engine::grid::near_bounds;
 use pairmask_core::objects::Objects;
@@ -35,8 +35,8 @@ pub(super) struct Sample {
     /// Distance from the smallest to the largest min corner, of those that are not far from all others.
     pub extent: [f32; 3],
     pub has_far: bool,
-    /// Solid boxes of the scene, about.
-    pub solid: f32,
+    /// Valid boxes of the scene, about.
+    pub valid: f32,
     scratch: Vec<f32>,
     /// Min corners of these boxes.
     pub mins: Vec<[f32; 3]>,
@@ -45,28 +45,28 @@ pub(super) struct Sample {
 impl Sample {
     pub fn take(&mut self, objects: Objects<'_>) {
         let n = objects.len();
-        let wanted = n.min(if n < LARGE_SCENE { SAMPLE / 2 } else { SAMPLE });
+        let requested = n.min(if n < LARGE_SCENE { SAMPLE / 2 } else { SAMPLE });
         self.boxes.clear();
         self.mins.clear();
         // Copied without a look at them, so that the fetches overlap, and because the writer may
         // change its boxes meanwhile.
         let mut copies = [Aabb::EMPTY; SAMPLE];
-        for (i, copy) in copies[..wanted].iter_mut().enumerate() {
-            let at = place(i, wanted, n);
+        for (i, copy) in copies[..requested].iter_mut().enumerate() {
+            let at = position(i, requested, n);
             let bounds = match objects {
                 Objects::Boxes(boxes) => boxes.get(at),
                 Objects::Spheres(spheres) => spheres.get(at).map(|sphere| { *sphere }.bounds()),
             };
             *copy = bounds.unwrap_or(Aabb::EMPTY);
         }
-        for b in &copies[..wanted] {
-            if b.class() == BoxClass::Solid {
+        for b in &copies[..requested] {
+            if b.class() == BoxClass::Valid {
                 self.mins.push(b.min.map(plain));
                 let edges = std::array::from_fn(|a| plain(plain(b.max[a]) - plain(b.min[a])));
                 self.boxes.push(SampledBox { edges, size: 0.0 });
             }
         }
-        self.solid = n as f32 * self.boxes.len() as f32 / wanted.max(1) as f32;
+        self.valid = n as f32 * self.boxes.len() as f32 / requested.max(1) as f32;
         self.has_far = false;
         for axis in 0..3 {
             let mins = || self.mins.iter().map(|min| min[axis]);
@@ -115,10 +115,10 @@ fn median(scratch: &mut Vec<f32>, values: impl Iterator<Item = f32>) -> Option<f
     Some(*scratch.select_nth_unstable_by(half, f32::total_cmp).1)
 }
 
-/// The box to look at for sample `i` of `wanted`: one of each stretch, at a place that a hash
+/// The box to look at for sample `i` of `requested`: one of each stretch, at a place that a hash
 /// chooses, because scenes are often laid out in rows of some round number.
-fn place(i: usize, wanted: usize, n: usize) -> usize {
-    let (start, end) = (i * n / wanted, (i + 1) * n / wanted);
+fn position(i: usize, requested: usize, n: usize) -> usize {
+    let (start, end) = (i * n / requested, (i + 1) * n / requested);
     let hash = (i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33;
     start + hash as usize % (end - start).max(1)
 }

@@ -7,12 +7,12 @@ use pairmask_shaders::layouts::{GridLayout, GridSummary, GridTotals};
 use pairmask_shaders::{GridStage, Rules, Stage};
 
 use super::ruled::RuleBlocks;
-use super::workspace::{Placed, Tools};
+use super::workspace::{Tools, Uploaded};
 use crate::execute::gpu::{
     Capacity, Command, Gpu, GpuError, Growing, Home, Part, Sizes, frame_blocks,
 };
 
-impl Placed {
+impl Uploaded {
     pub(super) fn steps(&self, tools: &mut Tools) -> Result<Vec<Command>, GpuError> {
         let (boxes, sizes) = (self.read(), Sizes::of(self.n));
         let rules = if self.rules.is_some() { Rules::With } else { Rules::Without };

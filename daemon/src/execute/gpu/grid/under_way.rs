@@ -18,7 +18,7 @@ use crate::execute::gpu::{Command, Frame, Gpu, GpuError, Order};
 use crate::locked;
 
 /// A workspace that its engine and the frame in it share. The frame outlives the engine where it must. One thread uses
-/// an engine and its frames, so no thread waits for the lock; after a panic the frame is given up with whatever it had.
+/// an engine and its frames, so no thread waits for the lock; after a panic the frame is given up with all that it had.
 pub(super) type SharedWorkspace = Arc<Mutex<Workspace>>;
 
 /// A frame under way. Owns the memory that the GPU reads and writes, and gives it back when the GPU is
@@ -114,15 +114,15 @@ impl Bundle {
     }
 
     /// As [`Frame::end`], for the first workspace that asks; the others know at once.
-    pub(super) fn end(&self, patience: Duration) -> Result<(), GpuError> {
+    pub(super) fn end(&self, timeout: Duration) -> Result<(), GpuError> {
         let mut submission = locked(&self.0);
         if submission.is_given_up {
             return Err(GpuError::Lost);
         }
-        let ended = submission.frame.end(patience);
+        let ended = submission.frame.end(timeout);
         submission.is_given_up = submission.frame.is_pending();
         // Imported memory is kept no longer than its frame needs it.
-        submission.frame.forget_steps();
+        submission.frame.discard_steps();
         ended
     }
 
@@ -131,7 +131,7 @@ impl Bundle {
         let mut submission = locked(&self.0);
         if !submission.is_given_up {
             submission.is_given_up = !submission.frame.settle();
-            submission.frame.forget_steps();
+            submission.frame.discard_steps();
         }
         !submission.is_given_up
     }

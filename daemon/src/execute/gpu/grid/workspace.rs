@@ -20,8 +20,9 @@ use super::under_way::Bundle;
 use super::{ENGINE, plan};
 use crate::execute::gpu::transfers::UploadAhead;
 use crate::execute::gpu::{
-    Block, Capacity, Command, EngineOptions, Frame, FrameCache, FrameKey, Gpu, GpuError, MaskPlace,
-    Order, Part, Pipelines, Place, PlacedBoxes, QueueRole, Sizes, StepTime, Transfers, wide,
+    Block, BlockOffset, Capacity, Command, EngineOptions, Frame, FrameCache, FrameKey, Gpu,
+    GpuError, MaskTarget, Order, Part, Pipelines, QueueRole, Sizes, StepTime, Transfers,
+    UploadedBoxes, wide,
 };
 
 pub(super) struct Tools {
@@ -42,12 +43,12 @@ pub(super) enum Ended {
     Again {
         n: BoxCount,
         found: Found,
-        items: u64,
+        entries: u64,
         marks: Option<Arc<Marks>>,
     },
 }
 
-pub(super) struct Wanted<'a> {
+pub(super) struct Requested<'a> {
     pub(super) n: BoxCount,
     pub(super) objects: Objects<'a>,
     pub(super) capacity: Capacity,
@@ -56,21 +57,21 @@ pub(super) struct Wanted<'a> {
     pub(super) marks: Option<&'a Arc<Marks>>,
 }
 
-pub(super) struct Placed {
+pub(super) struct Uploaded {
     pub(super) n: BoxCount,
     pub(super) capacity: Capacity,
-    boxes: PlacedBoxes,
+    boxes: UploadedBoxes,
     /// Where they are copied to before the frame; else the first stage reads them where they lie.
-    ahead: Option<PlacedBoxes>,
-    pub(super) mask: MaskPlace,
+    ahead: Option<UploadedBoxes>,
+    pub(super) mask: MaskTarget,
     pub(super) blocks: Blocks,
     pub(super) rules: Option<RuleBlocks>,
     clock: StageClock,
 }
 
-impl Placed {
+impl Uploaded {
     /// The boxes that the first stage reads.
-    pub(super) fn read(&self) -> &PlacedBoxes {
+    pub(super) fn read(&self) -> &UploadedBoxes {
         self.ahead.as_ref().unwrap_or(&self.boxes)
     }
 }
@@ -84,7 +85,7 @@ pub(super) struct Workspace {
     /// Whether the blocks that must be zero between frames may not be.
     unclean: bool,
     /// The frame under way. There until its end was seen.
-    under_way: Option<Placed>,
+    under_way: Option<Uploaded>,
     /// Its submission, where it shares one with others; else it is the last one of `frames`.
     bundle: Option<Bundle>,
     /// The pairs before those of each world, of the last frame whose list was ordered by world.
@@ -107,9 +108,9 @@ impl Workspace {
     }
 
     pub(super) fn drop_frames_of(&mut self, block: &Arc<Block>) {
-        self.frames.forget(|key| key.uses(block));
+        self.frames.discard(|key| key.uses(block));
         if let Some(ahead) = &mut self.ahead {
-            ahead.forget(block);
+            ahead.discard(block);
         }
     }
 
@@ -127,12 +128,12 @@ impl Workspace {
     pub(super) fn begin(
         &mut self,
         tools: &mut Tools,
-        wanted: &Wanted<'_>,
+        requested: &Requested<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<(), CullError> {
-        let placed = self.place(tools, wanted, reply)?;
-        self.submit(tools, &placed).map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
-        self.under_way = Some(placed);
+        let uploaded = self.put(tools, requested, reply)?;
+        self.submit(tools, &uploaded).map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
+        self.under_way = Some(uploaded);
         Ok(())
     }
 
@@ -140,26 +141,26 @@ impl Workspace {
     pub(super) fn join(
         &mut self,
         tools: &mut Tools,
-        wanted: &Wanted<'_>,
+        requested: &Requested<'_>,
         reply: &mut dyn ReplyBuffer,
         bundle: &Bundle,
     ) -> Result<Vec<Command>, CullError> {
-        let placed = self.place(tools, wanted, reply)?;
-        let steps = placed.steps(tools).map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
+        let uploaded = self.put(tools, requested, reply)?;
+        let steps = uploaded.steps(tools).map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
         // A frame that does not end leaves its blocks as they are.
         self.unclean = true;
         self.bundle = Some(bundle.clone());
-        self.under_way = Some(placed);
+        self.under_way = Some(uploaded);
         Ok(steps)
     }
 
-    fn place(
+    fn put(
         &mut self,
         tools: &mut Tools,
-        wanted: &Wanted<'_>,
+        requested: &Requested<'_>,
         reply: &mut dyn ReplyBuffer,
-    ) -> Result<Placed, CullError> {
-        let Wanted { n, objects, capacity, is_behind, marks } = *wanted;
+    ) -> Result<Uploaded, CullError> {
+        let Requested { n, objects, capacity, is_behind, marks } = *requested;
         let sizes = Sizes::of(n);
         let words = sizes.reply_words(capacity);
         if 4 * words > tools.binding_bytes {
@@ -176,33 +177,33 @@ impl Workspace {
                 layout.ok_or(CullError::TooCrowded { engine: ENGINE })?
             }
         };
-        let placed = (|| {
+        let uploaded = (|| {
             let mut replaced = false;
-            let placed = self.transfers.place(objects, &mut replaced)?;
-            let ahead = self.ahead.as_mut().filter(|ahead| ahead.pays(&placed, is_behind));
-            let ahead = ahead.map(|ahead| ahead.place(&placed, &mut replaced)).transpose()?;
-            let mask = self.transfers.place_mask(mask, &mut replaced)?;
+            let uploaded = self.transfers.put(objects, &mut replaced)?;
+            let ahead = self.ahead.as_mut().filter(|ahead| ahead.pays(&uploaded, is_behind));
+            let ahead = ahead.map(|ahead| ahead.put(&uploaded, &mut replaced)).transpose()?;
+            let mask = self.transfers.put_mask(mask, &mut replaced)?;
             clock.ingested();
             let rules = marks
                 .map(|marks| self.ruled.blocks(&tools.gpu, marks, &sizes, &mut replaced))
                 .transpose()?;
             let blocks = self.blocks(tools, &sizes, capacity, replaced)?;
             blocks.grid.block.write(0, &[layout]);
-            Ok(Placed { n, capacity, boxes: placed, ahead, mask, blocks, rules, clock })
+            Ok(Uploaded { n, capacity, boxes: uploaded, ahead, mask, blocks, rules, clock })
         })();
-        placed.map_err(|e: GpuError| tools.gpu.cull_error(ENGINE, &e))
+        uploaded.map_err(|e: GpuError| tools.gpu.cull_error(ENGINE, &e))
     }
 
     fn wait(&mut self, tools: &mut Tools) -> Result<(), GpuError> {
         let began = self.under_way.as_ref().ok_or(GpuError::Lost)?;
-        let patience = patience(&tools.gpu, began.n);
+        let timeout = timeout(&tools.gpu, began.n);
         if let Some(bundle) = &self.bundle {
-            return bundle.end(patience);
+            return bundle.end(timeout);
         }
         let frame = self.frames.last_mut().ok_or(GpuError::Lost)?;
-        frame.end(patience)?;
+        frame.end(timeout)?;
         if let Some(ahead) = &mut self.ahead {
-            ahead.end(patience)?;
+            ahead.end(timeout)?;
         }
         if tools.profiled {
             tools.step_times = frame.step_times()?;
@@ -210,7 +211,7 @@ impl Workspace {
         Ok(())
     }
 
-    /// Waits for what is under way, and forgets it. `false` where the device may write for ever.
+    /// Waits for what is under way, and drops it. `false` where the device may write for ever.
     pub(super) fn give_up(&mut self) -> bool {
         let writes_reply = self.under_way.take().is_some_and(|frame| frame.mask.is_reply);
         self.settle() || !writes_reply
@@ -248,24 +249,24 @@ impl Workspace {
         Ok(blocks)
     }
 
-    fn submit(&mut self, tools: &mut Tools, placed: &Placed) -> Result<(), GpuError> {
-        let read = placed.read();
+    fn submit(&mut self, tools: &mut Tools, uploaded: &Uploaded) -> Result<(), GpuError> {
+        let read = uploaded.read();
         let key = FrameKey {
-            n: placed.n.get(),
+            n: uploaded.n.get(),
             form: read.form,
-            encoding: placed.capacity.found.encoding(),
-            capacity: placed.capacity.items,
+            encoding: uploaded.capacity.found.encoding(),
+            capacity: uploaded.capacity.entries,
             chunk: 0,
-            input: Place::of(&read.part),
-            output: Place::of(&placed.mask.part),
-            rules: placed.rules.as_ref().map(|rules| Place::of(&rules.marks)),
+            input: BlockOffset::of(&read.part),
+            output: BlockOffset::of(&uploaded.mask.part),
+            rules: uploaded.rules.as_ref().map(|rules| BlockOffset::of(&rules.marks)),
         };
         let (gpu, profiled) = (Arc::clone(&tools.gpu), tools.profiled);
-        let frame = self.frames.frame(&gpu, key, profiled, || placed.steps(tools))?;
+        let frame = self.frames.frame(&gpu, key, profiled, || uploaded.steps(tools))?;
         // A frame that does not end leaves its blocks as they are.
         self.unclean = true;
-        let order = match (&mut self.ahead, &placed.ahead) {
-            (Some(ahead), Some(there)) => ahead.begin(&placed.boxes, there)?,
+        let order = match (&mut self.ahead, &uploaded.ahead) {
+            (Some(ahead), Some(there)) => ahead.begin(&uploaded.boxes, there)?,
             _ => Order::default(),
         };
         frame.submit_in(order)
@@ -278,10 +279,10 @@ impl Workspace {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<Ended, CullError> {
         self.wait(tools).map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
-        let Some(placed) = self.under_way.take() else {
+        let Some(uploaded) = self.under_way.take() else {
             return Err(CullError::DeviceLost { engine: ENGINE });
         };
-        let Placed { n, capacity, mask, blocks, rules, mut clock, .. } = placed;
+        let Uploaded { n, capacity, mask, blocks, rules, mut clock, .. } = uploaded;
         self.bundle = None;
         self.unclean = false;
         let mut summary = [GridSummary::default()];
@@ -290,23 +291,23 @@ impl Workspace {
         if plan::is_over_budget(summary.work, summary.giant_work) {
             return Err(CullError::TooCrowded { engine: ENGINE });
         }
-        let (items, found) = (wide(summary.items), capacity.found);
-        if items > plan::most_items(n, found) || wide(summary.compared) > n.pair_count() {
+        let (entries, found) = (wide(summary.entries), capacity.found);
+        if entries > plan::most_entries(n, found) || wide(summary.compared) > n.pair_count() {
             // No scene has as many: the device does not do what the stages say.
             let fault = GpuError::Driver(ash::vk::Result::ERROR_UNKNOWN);
             return Err(tools.gpu.cull_error(ENGINE, &fault));
         }
-        if items > capacity.items {
+        if entries > capacity.entries {
             let marks = rules.map(|rules| rules.of);
-            return Ok(Ended::Again { n, found, items, marks });
+            return Ok(Ended::Again { n, found, entries, marks });
         }
-        tools.last_found.note(found, items, wide(summary.pairs));
+        tools.last_found.note(found, entries, wide(summary.pairs));
         if let Some(rules) = &rules {
             rules.read_world_firsts(&mut self.world_firsts);
         }
         clock.executed();
         let sizes = Sizes::of(n);
-        let shape = sizes.shape(found, items);
+        let shape = sizes.shape(found, entries);
         if !mask.is_reply {
             let room = sizes.reply_words(capacity);
             let reserved = &mut reply.reserve(room)?[..room as usize];
@@ -333,7 +334,7 @@ impl Drop for Workspace {
 /// How long a frame may take before the device counts as hung: some seconds, and what the worst scene within the
 /// budget takes. A software adapter compiles its stages in the first frame: those of spheres took ten seconds on two
 /// busy cores.
-fn patience(gpu: &Gpu, n: BoxCount) -> Duration {
+fn timeout(gpu: &Gpu, n: BoxCount) -> Duration {
     let (seconds, tests_a_second) =
         if gpu.is_software() { (60, 50_000_000) } else { (10, 20_000_000_000) };
     Duration::from_secs(seconds + n.pair_count() / tests_a_second)
@@ -342,14 +343,14 @@ fn patience(gpu: &Gpu, n: BoxCount) -> Duration {
 /// The census of a frame; the bits of invalid boxes are looked at only where there are some.
 fn census(summary: &GridSummary, invalid: &Block, plane: u32) -> Census {
     let mut census = Census::default();
-    let wanted = summary.invalid.min(NAMED_INVALID as u32);
-    for place in (0..plane).step_by(32) {
-        if census.invalid >= wanted {
+    let requested = summary.invalid.min(NAMED_INVALID as u32);
+    for put in (0..plane).step_by(32) {
+        if census.invalid >= requested {
             break;
         }
         let mut word = [0u32];
-        invalid.read(u64::from(place / 8), &mut word);
-        MaskWord(word[0]).bits().for_each(|bit| census.note(place + bit, BoxClass::Invalid));
+        invalid.read(u64::from(put / 8), &mut word);
+        MaskWord(word[0]).bits().for_each(|bit| census.note(put + bit, BoxClass::Invalid));
     }
     Census { invalid: summary.invalid, empty: summary.empty, ..census }
 }

@@ -1,7 +1,7 @@
-//! From the list that comes down, in no order, to what is told: sorted by pair, begun and ended apart.
+//! From the list that comes down, in no order, to what is reported: sorted by pair, begun and ended apart.
 
 use pairmask_core::scene::{EndReason, Ended, PairSorter};
-use pairmask_shaders::constants::{TOLD_BEGUN, TOLD_FILTERED, TOLD_REMOVED};
+use pairmask_shaders::constants::{REPORT_BEGUN, REPORT_FILTERED, REPORT_REMOVED};
 use rayon::iter::{IndexedParallelIterator as _, IntoParallelIterator as _, ParallelIterator as _};
 use rayon::slice::ParallelSliceMut as _;
 
@@ -93,7 +93,7 @@ impl ChangeSorter {
 }
 
 const fn has_begun([_, reported]: Pair) -> bool {
-    reported & 3 == TOLD_BEGUN
+    reported & 3 == REPORT_BEGUN
 }
 
 /// Writes changes to both lists, which have room for exactly them.
@@ -105,15 +105,15 @@ fn split_changes(sorted: &[Pair], begun: &mut [Pair], ended: &mut [Ended]) {
         let &[a, other] = change;
         let pair = [a, other >> 2];
         let reason = match other & 3 {
-            TOLD_REMOVED => EndReason::Removed,
-            TOLD_FILTERED => EndReason::Filtered,
+            REPORT_REMOVED => EndReason::Removed,
+            REPORT_FILTERED => EndReason::Filtered,
             _ => EndReason::Separated,
         };
-        if let Some(place) = begun.get_mut(next_begun) {
-            *place = pair;
+        if let Some(put) = begun.get_mut(next_begun) {
+            *put = pair;
         }
-        if let Some(place) = ended.get_mut(next_ended) {
-            *place = Ended { pair, reason };
+        if let Some(put) = ended.get_mut(next_ended) {
+            *put = Ended { pair, reason };
         }
         let begins = usize::from(has_begun(*change));
         next_begun += begins;
@@ -160,10 +160,14 @@ mod tests {
                 assert!(list.iter().filter(reported).map(plain).eq(begun), "{count} of {n}");
                 let ends = list.iter().filter(|change| !has_begun(**change));
                 let expected = ends.map(|change| {
-                    let told = |told: u32| change[1] & 3 == told;
+                    let reported = |reported: u32| change[1] & 3 == reported;
+                    let reason = if reported(REPORT_REMOVED) {
+                        EndReason::Removed
+                    } else {
+                        EndReason::Separated
+                    };
                     let reason =
-                        if told(TOLD_REMOVED) { EndReason::Removed } else { EndReason::Separated };
-                    let reason = if told(TOLD_FILTERED) { EndReason::Filtered } else { reason };
+                        if reported(REPORT_FILTERED) { EndReason::Filtered } else { reason };
                     Ended { pair: plain(change), reason }
                 });
                 assert!(expected.eq(ended), "{count} of {n}");

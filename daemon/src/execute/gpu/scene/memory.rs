@@ -18,10 +18,10 @@ const LEAST_SLOTS: u64 = 4_096;
 /// its own, and edits between them do not.
 const KEPT_SLOTS: u64 = 65_536;
 
-/// Bytes that each block may keep for each index, whatever the last edit needed: small and large edits
+/// Bytes that each block may keep for each index, regardless of what the last edit needed: small and large edits
 /// take turns without a block being made anew, which takes a millisecond.
 const KEPT_BYTES_A_SLOT: u64 = 96;
-/// Blocks up to this size are kept whatever the scene's: a large page.
+/// Blocks up to this size are kept regardless of the scene's: a large page.
 const KEPT_BYTES: u64 = 2 << 20;
 
 /// Boxes as they are, and as they were when the history began.
@@ -103,13 +103,13 @@ impl Memory {
             return Err(GpuError::OutOfMemory { bytes: slots * RECORD_BYTES });
         }
         let held = self.records.as_ref().map_or(0, |records| records.slots);
-        let wanted = (slots + slots / 2).max(LEAST_SLOTS).min(most);
+        let requested = (slots + slots / 2).max(LEAST_SLOTS).min(most);
         // A scene that has shrunk much gives its memory back.
-        if slots <= held && held <= (4 * wanted).max(KEPT_SLOTS) {
+        if slots <= held && held <= (4 * requested).max(KEPT_SLOTS) {
             return Ok(());
         }
         *replaced = true;
-        let made = Self::new_records(tools, wanted);
+        let made = Self::new_records(tools, requested);
         let made = made.or_else(|_| Self::new_records(tools, slots))?;
         let mut steps = Vec::new();
         for block in [&made.now, &made.then] {
@@ -136,8 +136,8 @@ impl Memory {
         Ok(Records { slots, now: block()?, then: block()? })
     }
 
-    /// Forgets which boxes were named: namings may be numbered from 1 again.
-    pub fn forget_named(
+    /// Drops which boxes were named: namings may be numbered from 1 again.
+    pub fn discard_named(
         &mut self,
         tools: &SceneTools,
         replaced: &mut bool,

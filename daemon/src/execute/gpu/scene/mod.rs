@@ -1,4 +1,4 @@
-//! Scenes that persist in video memory: edits go up, what changed comes down (GPU.md, "Scenes").
+//! Persistent scenes in video memory: edits go up, what changed comes down (GPU.md, "Scenes").
 //!
 //! A [`GpuScene`] answers as [`Scene`](pairmask_core::scene::Scene) does, byte for byte. This is one file, because an
 //! edit, its answer and what is known afterwards change the same few fields.
@@ -18,8 +18,8 @@ use pairmask_core::EngineName;
 use pairmask_core::engine::{CullError, ReserveError};
 use pairmask_core::scene::states::LOST;
 use pairmask_core::scene::{
-    Edit, Ended, FilterHistory, Kept, KeptHistory, Report, Reported, SceneError, SceneOptions,
-    SceneSkips, Step, decide_changes, is_resync_due,
+    Edit, Ended, FilterHistory, HistorySnapshot, Report, Reported, SceneError, SceneOptions,
+    SceneSkips, SceneSnapshot, Step, decide_changes, is_resync_due,
 };
 use pairmask_shaders::layouts::{GridLayout, SceneMode, SceneSummary};
 
@@ -114,7 +114,7 @@ impl GpuScene {
     }
 
     /// A scene without boxes that these devices, at least one, keep together, and those that are left
-    /// when some are lost. What it tells is what one of them would.
+    /// when some are lost. What it reports is what one of them would.
     pub fn shared(tools: &[Arc<SceneTools>], options: SceneOptions) -> Self {
         let most_boxes = options.most_boxes.min(MOST_SLOTS as u32);
         Self {
@@ -142,7 +142,7 @@ impl GpuScene {
         }
     }
 
-    /// Has more devices keep it, if it has no box and none to tell of. Those that have it stay.
+    /// Has more devices keep it, if it has no box and none to report of. Those that have it stay.
     pub fn share(&mut self, more: &[Arc<SceneTools>]) {
         if self.is_new() {
             self.replicas.add(more);
@@ -155,29 +155,29 @@ impl GpuScene {
         self.replicas.0.truncate(most.max(1));
     }
 
-    /// Whether it has no box, and has none to tell of.
+    /// Whether it has no box, and has none to report of.
     pub fn is_new(&self) -> bool {
         self.roster.states.index_end() == 0
     }
 
     /// A scene that goes on where another stands: its boxes, flags, filters, and what it reported.
-    pub fn from_kept(
+    pub fn from_snapshot(
         tools: &[Arc<SceneTools>],
         options: SceneOptions,
-        kept: &Kept<'_>,
+        snapshot: &SceneSnapshot<'_>,
     ) -> Result<Self, SceneError> {
         let mut scene = Self::shared(tools, options);
-        let whole = kept.whole();
+        let whole = snapshot.whole();
         let steps = whole.steps();
         scene.edit(Edit { steps: &steps }, Report::Nothing)?;
-        match kept.history() {
-            KeptHistory::Reported(count) => {
+        match snapshot.history() {
+            HistorySnapshot::Reported(count) => {
                 scene.begin_history();
                 scene.count_then = count;
             }
             // All that there is has changed since there was nothing.
-            KeptHistory::Unreported => {}
-            KeptHistory::Lost => {
+            HistorySnapshot::Unreported => {}
+            HistorySnapshot::Lost => {
                 scene.begin_history();
                 scene.known = Known::Lost;
             }
@@ -185,7 +185,7 @@ impl GpuScene {
         Ok(scene)
     }
 
-    /// Boxes, those that are switched off too.
+    /// Boxes, those that are disabled too.
     pub const fn len(&self) -> usize {
         self.roster.states.present()
     }
@@ -262,7 +262,7 @@ impl GpuScene {
         Ok(&self.reported)
     }
 
-    /// Takes the last answer: what it told is what the next changes are counted from. Without effect
+    /// Takes the last answer: what it reported is what the next changes are counted from. Without effect
     /// on an answer that was taken, and on [`Report::Moved`] and [`Report::Nothing`].
     pub fn acknowledge(&mut self) {
         if !std::mem::take(&mut self.is_open)
@@ -274,7 +274,7 @@ impl GpuScene {
         self.begin_history();
     }
 
-    /// Forgets what was told: the next changes are a resync. A client that has lost its pairs asks so.
+    /// Drops what was reported: the next changes are a resync. A client that has lost its pairs asks so.
     pub fn resync(&mut self) {
         self.begin_history();
         self.known = Known::Lost;
@@ -288,7 +288,7 @@ impl GpuScene {
         }
         self.known = Known::Same;
         self.changed = 0;
-        self.roster.forget();
+        self.roster.discard();
     }
 
     fn answer(&mut self, edit: Edit<'_>, report: Report) -> Result<(), CullError> {
@@ -322,7 +322,7 @@ impl GpuScene {
         }
         // Boxes are elsewhere, or the blocks of the grid are another search's.
         (self.was_asked, self.standing, self.is_second_grid) = (false, None, false);
-        self.place_edit(edit, mode)?;
+        self.put_edit(edit, mode)?;
         let answered = self.search(elements, report, mode);
         self.replicas.end_edit();
         let summary = answered?;
@@ -330,21 +330,21 @@ impl GpuScene {
         Ok(())
     }
 
-    fn place_edit(&mut self, edit: Edit<'_>, mode: Option<SceneMode>) -> Result<(), CullError> {
+    fn put_edit(&mut self, edit: Edit<'_>, mode: Option<SceneMode>) -> Result<(), CullError> {
         let slots = self.roster.states.index_end();
         let mut names = Names::Kept;
         if mode == Some(SceneMode::Moved) {
             self.naming = self.naming.wrapping_add(1);
             names = Names::Given;
             if self.naming == 0 {
-                names = Names::Forgotten;
+                names = Names::Discarded;
                 self.naming = 1;
             }
         }
         let threads = self.threads();
         let (sets, marks) = (self.gathered.sets(edit), &self.roster.marks);
         self.replicas
-            .on_each(|_, replica| replica.place(sets, marks, &[], slots as u64, names, threads))?;
+            .on_each(|_, replica| replica.put(sets, marks, &[], slots as u64, names, threads))?;
         if let Some(most) = edit.sets().max_by_key(|sets| sets.boxes.len()) {
             self.layouts.note_edit(most.boxes, slots);
         }
@@ -453,7 +453,7 @@ impl GpuScene {
         Ok(())
     }
 
-    /// Reads what was found, so many pairs by each GPU, sorts it, and tells it.
+    /// Reads what was found, so many pairs by each GPU, sorts it, and reports it.
     fn report(
         &mut self,
         report: Report,
@@ -479,7 +479,7 @@ impl GpuScene {
             return Ok(());
         }
         let (mut begun, mut ends) = std::mem::take(&mut self.reported).into_changes();
-        let more = |len: usize, wanted: u64| (wanted as usize).saturating_sub(len);
+        let more = |len: usize, requested: u64| (requested as usize).saturating_sub(len);
         begun.try_reserve(more(begun.len(), found - ended)).map_err(no_memory)?;
         ends.try_reserve(more(ends.len(), ended)).map_err(no_memory)?;
         self.sorter.changes(&list, &mut begun, &mut ends);

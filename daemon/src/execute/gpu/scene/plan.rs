@@ -4,7 +4,7 @@
 
 use pairmask_core::Aabb;
 use pairmask_shaders::constants::{
-    BATCH_BOXES, CONTROL_HEADER_WORDS, PARKED, SCAN_CELLS, SUPERS_MOST, WORD_BITS,
+    BATCH_BOXES, CONTROL_HEADER_WORDS, SCAN_CELLS, SUPERS_MOST, UNPLACED_A_CELL, WORD_BITS,
 };
 use pairmask_shaders::layouts::{GridLayout, SceneMode, SceneSummary};
 
@@ -80,7 +80,7 @@ impl Question {
     /// Items for which a search gets threads, where each takes so many rows beside the grid together. Where that is
     /// one, a thread gets one row or one entry at the most: a box that has moved far is two, and the last batches of
     /// both need not be full.
-    pub fn items(&self, rows_together: u64) -> u64 {
+    pub fn elements(&self, rows_together: u64) -> u64 {
         let rows = if self.is_dense() { 0 } else { self.slots / rows_together };
         if rows_together == 1 {
             2 * self.entries() + rows + 2 * u64::from(BATCH_BOXES)
@@ -90,9 +90,9 @@ impl Question {
     }
 
     pub fn rows_a_thread(&self, rows_together: u64) -> u32 {
-        let items = self.items(rows_together);
-        let threads = u64::from(groups(items)) * u64::from(BATCH_BOXES);
-        items.div_ceil(threads) as u32
+        let elements = self.elements(rows_together);
+        let threads = u64::from(groups(elements)) * u64::from(BATCH_BOXES);
+        elements.div_ceil(threads) as u32
     }
 
     /// How many of so many GPUs share the search: as many as have enough to do.
@@ -174,14 +174,14 @@ impl Sizes {
 
 /// A layout for so many indices: giants have cells by index, boxes that overlap nothing none.
 pub(super) fn with_giants(mut layout: GridLayout, slots: u64) -> GridLayout {
-    layout.first_nothing = layout.first_giant + (slots / u64::from(PARKED)) as u32 + 1;
+    layout.first_nothing = layout.first_giant + (slots / u64::from(UNPLACED_A_CELL)) as u32 + 1;
     layout.cell_end = layout.first_nothing;
     layout
 }
 
 /// Workgroups for so many items: a power of two, so that few frames are recorded.
-pub(super) fn groups(items: u64) -> u32 {
-    let groups = items.div_ceil(u64::from(BATCH_BOXES)).next_power_of_two();
+pub(super) fn groups(elements: u64) -> u32 {
+    let groups = elements.div_ceil(u64::from(BATCH_BOXES)).next_power_of_two();
     groups.clamp(1, u64::from(MOST_GROUPS)) as u32
 }
 
@@ -242,20 +242,20 @@ impl Layouts {
         if boxes.is_empty() || (!self.edited.is_empty() && boxes.len() < slots / 2) {
             return;
         }
-        let wanted = boxes.len().min(EDIT_SAMPLE);
-        let step = boxes.len() / wanted;
+        let requested = boxes.len().min(EDIT_SAMPLE);
+        let step = boxes.len() / requested;
         // Not at equal steps: scenes are often laid out in rows of some round number.
-        let place = |i: usize| i * step + (i.wrapping_mul(0x9e37_79b9) >> 7) % step;
+        let position = |i: usize| i * step + (i.wrapping_mul(0x9e37_79b9) >> 7) % step;
         self.edited.clear();
-        self.edited.extend((0..wanted).map(|i| boxes[place(i)]));
+        self.edited.extend((0..requested).map(|i| boxes[position(i)]));
     }
 
     /// Looks at queries that are entries: a layout for them fits their sizes and those of the scene's boxes.
     pub fn note_queries(&mut self, question: &Question, queries: &[Aabb]) {
         let kind = &mut self.kinds[kind_of(question)];
         kind.sample.clear();
-        let wanted = queries.len().min(EDIT_SAMPLE);
-        kind.sample.extend((0..wanted).map(|i| queries[i * queries.len() / wanted]));
+        let requested = queries.len().min(EDIT_SAMPLE);
+        kind.sample.extend((0..requested).map(|i| queries[i * queries.len() / requested]));
         kind.sample.extend_from_slice(&self.edited);
         kind.sampled_of = question.grid_boxes();
     }
@@ -346,7 +346,8 @@ mod tests {
             let layout =
                 with_giants(GridLayout { first_giant: 77, ..GridLayout::default() }, slots);
             let sizes = Sizes::of(&question, &layout, 0);
-            let most_cells = cells_most(question.grid_boxes()) + slots / u64::from(PARKED) + 1;
+            let most_cells =
+                cells_most(question.grid_boxes()) + slots / u64::from(UNPLACED_A_CELL) + 1;
             assert!(sizes.table_words > u64::from(layout.cell_end));
             assert!(u64::from(layout.cell_end) < most_cells);
             assert!(u64::from(layout.first_giant) + (slots - 1) / 32 < u64::from(layout.cell_end));

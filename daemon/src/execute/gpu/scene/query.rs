@@ -1,6 +1,6 @@
 //! Queries: boxes that are no part of a scene against all that are. The first after an edit are the entries of a grid;
 //! the second build a grid of all boxes, which stands until the next edit (GPU.md, "Scenes"). Nothing that an edit knows
-//! or tells changes.
+//! or reports changes.
 
 use std::sync::Arc;
 
@@ -8,14 +8,14 @@ use pairmask_core::Aabb;
 use pairmask_core::engine::{CullError, ReserveError};
 use pairmask_core::scene::states::STILL;
 use pairmask_core::scene::{
-    Edit, Indices, QueryError, QueryTags, Sets, Step, more_pairs_than, sort_row,
+    Edit, Indices, QueryError, QueryFilterData, Sets, Step, more_pairs_than, sort_row,
 };
 use pairmask_shaders::constants::SORTED_ROW;
 use pairmask_shaders::layouts::SceneMode;
 
 use super::memory::RECORD_BYTES;
 use super::plan::{MOST_SLOTS, PAIR_BYTES, Question, Room, Sizes};
-use super::replica::{Names, Placed};
+use super::replica::{Names, QueriesUploaded};
 use super::search::{Asked, Search};
 use super::{ENGINE, Pair, search, wide};
 use crate::execute::gpu::{GpuError, GpuScene};
@@ -27,9 +27,9 @@ const QUERIES_TOGETHER: usize = 1 << 18;
 const ENTRIES_SHARE: u64 = 32;
 
 impl GpuScene {
-    /// The boxes that each of `queries` overlaps and may meet by its tag, switched on, static ones too: pairs of the
+    /// The boxes that each of `queries` overlaps and may meet by its filter data, enabled, static ones too: pairs of the
     /// query's number and the box's index, in order. What `found` held is dropped. Returns how many boxes were tested.
-    /// No later edit tells anything else for it.
+    /// No later edit reports anything else for it.
     ///
     /// # Errors
     /// [`QueryError`]; `found` is empty then. After [`CullError::DeviceLost`] the scene is to be dropped. Where
@@ -38,13 +38,13 @@ impl GpuScene {
     pub fn query(
         &mut self,
         queries: &[Aabb],
-        tags: QueryTags<'_>,
+        filter_data: QueryFilterData<'_>,
         found: &mut Vec<[u32; 2]>,
     ) -> Result<u64, QueryError> {
-        tags.check(queries)?;
+        filter_data.check(queries)?;
         let tested = self.query_all(queries, found)?;
         let states = &self.roster.states;
-        tags.filter(&states.filters, |index| states.has(index, STILL), found);
+        filter_data.filter(&states.filters, |index| states.has(index, STILL), found);
         Ok(tested)
     }
 
@@ -126,8 +126,8 @@ impl GpuScene {
         let replica = self.replicas.first();
         let gpu = Arc::clone(replica.tools.gpu());
         let gpu_error = |error: GpuError| gpu.cull_error(ENGINE, &error);
-        let placed = replica.place(sets, &[], apart, question.slots, Names::Kept, threads);
-        let Placed { queries: apart, mut replaced } = placed.map_err(gpu_error)?;
+        let uploaded = replica.put(sets, &[], apart, question.slots, Names::Kept, threads);
+        let QueriesUploaded { queries: apart, mut replaced } = uploaded.map_err(gpu_error)?;
         if are_entries {
             self.layouts.note_queries(&question, queries);
         }

@@ -9,7 +9,7 @@ use pairmask_shaders::layouts::SceneSummary;
 
 use super::memory::{Blocks, Memory};
 use super::plan::Room;
-use super::search::{Asked, Frames, PATIENCE, Search, Task};
+use super::search::{Asked, Frames, Search, TIMEOUT, Task};
 use super::upload::{GatheredSets, Upload, Uploaded};
 use super::{ENGINE, wide};
 use crate::execute::gpu::{GpuError, Part, QueueRole, SceneTools};
@@ -23,7 +23,7 @@ pub(super) struct Replica {
     pub blocks: Option<Blocks>,
 }
 
-pub(super) struct Placed {
+pub(super) struct QueriesUploaded {
     pub queries: Option<Part>,
     /// Whether blocks are others, so that nothing stands in them.
     pub replaced: bool,
@@ -36,8 +36,8 @@ pub(super) enum Names {
     Kept,
     /// They stay, and the edit gives some with a new number.
     Given,
-    /// They are forgotten: numbers begin anew.
-    Forgotten,
+    /// They are dropped: numbers begin anew.
+    Discarded,
 }
 
 impl Replica {
@@ -53,7 +53,7 @@ impl Replica {
     }
 
     /// Makes room for records of `slots` indices, and brings an edit, and queries that are no entries of it.
-    pub fn place(
+    pub fn put(
         &mut self,
         sets: GatheredSets<'_>,
         marks: &[[u32; 2]],
@@ -61,23 +61,23 @@ impl Replica {
         slots: u64,
         names: Names,
         threads: usize,
-    ) -> Result<Placed, GpuError> {
+    ) -> Result<QueriesUploaded, GpuError> {
         let mut replaced = false;
         self.blocks = None;
         self.memory.make_records(&self.tools, slots, &mut replaced)?;
         // Records that were made anew have no names, and those that there were matter to no later edit.
-        if names == Names::Forgotten || names == Names::Given && self.memory.named.is_none() {
-            self.memory.forget_named(&self.tools, &mut replaced)?;
+        if names == Names::Discarded || names == Names::Given && self.memory.named.is_none() {
+            self.memory.discard_named(&self.tools, &mut replaced)?;
         }
         let gpu = &self.tools.gpu;
         let queries = (!queries.is_empty())
             .then(|| self.upload.queries.copied(gpu, queries, threads, &mut replaced))
             .transpose()?;
-        self.edit = Some(self.upload.place(gpu, sets, marks, threads, &mut replaced)?);
+        self.edit = Some(self.upload.put(gpu, sets, marks, threads, &mut replaced)?);
         if replaced {
             self.frames.clear();
         }
-        Ok(Placed { queries, replaced })
+        Ok(QueriesUploaded { queries, replaced })
     }
 
     /// Has the GPU begin. Returns what there is room for. [`Self::wait`] comes next.
@@ -89,7 +89,7 @@ impl Replica {
         let made = memory.blocks(tools, &asked.sizes, asked.room, &mut replaced)?;
         if replaced {
             frames.clear();
-            // What stood is gone.
+            // What stood no longer exists.
             if let Search::Grid { builds, .. } = &mut asked.search {
                 *builds = true;
             }
@@ -103,8 +103,8 @@ impl Replica {
 
     pub fn wait(&mut self, asked: &Asked<'_>) -> Result<SceneSummary, GpuError> {
         let Self { tools, frames, .. } = self;
-        let patience = PATIENCE[usize::from(tools.gpu.is_software())];
-        frames.last_mut().map_or(Ok(()), |frame| frame.end(patience))?;
+        let timeout = TIMEOUT[usize::from(tools.gpu.is_software())];
+        frames.last_mut().map_or(Ok(()), |frame| frame.end(timeout))?;
         let mut summary = [SceneSummary::default()];
         if !matches!(asked.search, Search::Nothing) {
             self.blocks.as_ref().ok_or(GpuError::Lost)?.summary.block.read(0, &mut summary);

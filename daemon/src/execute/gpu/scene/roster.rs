@@ -1,14 +1,14 @@
 //! Which indices of a scene have a box, which flags and filter data: what the host has to know to check an edit
 //! before anything of it is applied, and to decide what began and ended of the pairs that the GPU finds. Two bytes a
-//! box, and tags where there are any; the boxes themselves are the GPU's.
+//! box, and filter data where there are any; the boxes themselves are the GPU's.
 
-use pairmask_core::scene::states::{BoxStates, OFF, PRESENT, STILL, grow};
+use pairmask_core::scene::states::{BoxStates, DISABLED, PRESENT, STILL, grow};
 use pairmask_core::scene::{Edit, EditError, FilteredBoxes, apply_rules};
 use pairmask_shaders::constants::{MARK_NAMES, MARK_REMOVES, MARK_TOUCHES};
 
 /// Flags of a record, as `scene_records.wgsl` has them.
-const FLAGS: u8 = PRESENT | OFF | STILL;
-const _: () = assert!(PRESENT == 1 && OFF == 2 && STILL == 4);
+const FLAGS: u8 = PRESENT | DISABLED | STILL;
+const _: () = assert!(PRESENT == 1 && DISABLED == 2 && STILL == 4);
 
 /// What the edit under way says of an index, in a byte: where the marks are, and that there are some.
 const MARKS_AT: u32 = 8;
@@ -60,8 +60,8 @@ impl Roster {
         *said |= ((mark | IS_MARKED) >> MARKS_AT) as u8;
     }
 
-    pub fn forget(&mut self) {
-        if let Some(len) = self.states.forget() {
+    pub fn discard(&mut self) {
+        if let Some(len) = self.states.discard() {
             self.said.truncate(len);
             self.said.shrink_to_fit();
         }

@@ -10,7 +10,7 @@ use super::memory::{Blocks, RECORD_BYTES, StageParts};
 use super::plan;
 use super::plan::{Question, Room, Sizes};
 use super::upload::Uploaded;
-use crate::execute::gpu::{Command, FrameCache, GpuError, Order, Part, Place, SceneTools};
+use crate::execute::gpu::{BlockOffset, Command, FrameCache, GpuError, Order, Part, SceneTools};
 use crate::locked;
 
 /// Most tests of a search, in 2^32: 17 thousand million take an H200 tens of milliseconds. A scene that
@@ -24,7 +24,7 @@ const TALLY_OFFSET: u64 = 4 * (CONTROL_HEADER_WORDS as u64 + 4);
 const TALLY_BYTES: u64 = 4 * 7;
 /// How long a search within the budget may take before the device counts as hung: on a real GPU, and on a
 /// software adapter.
-pub(super) const PATIENCE: [Duration; 2] = [Duration::from_secs(20), Duration::from_secs(600)];
+pub(super) const TIMEOUT: [Duration; 2] = [Duration::from_secs(20), Duration::from_secs(600)];
 
 /// The stages that every scene needs: all but those of shares.
 pub(super) fn stages() -> impl Iterator<Item = Stage> {
@@ -114,10 +114,10 @@ pub(super) struct Shape {
     /// Where records are emptied at the end, and how many bytes.
     emptied: [u64; 2],
     /// The boxes that are set and the queries that lie apart, and how many bytes.
-    boxes: [Option<(Place, u64)>; 2],
+    boxes: [Option<(BlockOffset, u64)>; 2],
     /// Whole blocks: short lists lie in another one than long ones.
-    indices: Place,
-    marks: Place,
+    indices: BlockOffset,
+    marks: BlockOffset,
 }
 
 pub(super) type Frames = FrameCache<Shape>;
@@ -131,12 +131,12 @@ impl Task<'_> {
     /// Items that found pairs and entries have room for: what lies in their blocks.
     pub fn room_made(&self) -> Room {
         let StageParts { unsorted, rows, entries, sorted, found, .. } = &self.blocks.stages;
-        let items = |part: &Part, bytes: u64| part.bytes / bytes;
+        let elements = |part: &Part, bytes: u64| part.bytes / bytes;
         let pairs = match self.asked.search {
-            Search::Nothing | Search::Pairs(_) => items(found, 8),
-            _ => items(found, 8).min(items(unsorted, 8)).min(items(rows, 8)),
+            Search::Nothing | Search::Pairs(_) => elements(found, 8),
+            _ => elements(found, 8).min(elements(unsorted, 8)).min(elements(rows, 8)),
         };
-        Room { entries: items(entries, 16).min(items(sorted, 32)), pairs }
+        Room { entries: elements(entries, 16).min(elements(sorted, 32)), pairs }
     }
 
     fn params(&self, tools: &SceneTools) -> SceneParams {
@@ -182,10 +182,10 @@ impl Task<'_> {
 
     fn shape(&self, tools: &SceneTools) -> Shape {
         let (edit, Asked { question, search, sizes, applies, .. }) = (self.edit, &self.asked);
-        let items = question.items(rows_together(tools));
+        let elements = question.elements(rows_together(tools));
         let queries = u64::from(search.queries());
-        let of = |boxes: &Part| (Place::of(boxes), boxes.bytes);
-        let (mut looking, mut apart, mut builds, mut emptied) = (items, None, true, [0; 2]);
+        let of = |boxes: &Part| (BlockOffset::of(boxes), boxes.bytes);
+        let (mut looking, mut apart, mut builds, mut emptied) = (elements, None, true, [0; 2]);
         match *search {
             Search::Entries(_) => {
                 let first = u64::from(edit.set_first.unwrap_or(0));
@@ -213,8 +213,8 @@ impl Task<'_> {
             builds,
             emptied,
             boxes: [Some(of(&edit.boxes)), apart],
-            indices: Place::of(&edit.indices),
-            marks: Place::of(&edit.marks),
+            indices: BlockOffset::of(&edit.indices),
+            marks: BlockOffset::of(&edit.marks),
         }
     }
 
@@ -232,7 +232,7 @@ impl Task<'_> {
     }
 
     fn steps(&self, tools: &SceneTools, shape: &Shape) -> Result<Vec<Command>, GpuError> {
-        use SceneStage::{Apply, Cells, Mark, Place};
+        use SceneStage::{Apply, Cells, Mark, Slot};
         use SceneStage::{Query, QueryDeal, QueryRows, QuerySort, QueryStarts};
         let parts = self.named();
         // What queries find is put in order first.
@@ -259,7 +259,7 @@ impl Task<'_> {
         if shape.builds && shape.looking.is_some() {
             steps.push(scene(Cells, shape.slots)?);
             steps.push(stage(Stage::Grid(GridStage::Scan), shape.scan)?);
-            steps.push(scene(Place, shape.entries)?);
+            steps.push(scene(Slot, shape.entries)?);
         }
         if let Some((looks, groups)) = shape.looking {
             if looks == QueryRows {

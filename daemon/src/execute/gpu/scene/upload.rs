@@ -125,7 +125,7 @@ pub(super) struct Upload {
 
 impl Upload {
     /// Brings what an edit sets, and its marks. `replaced` is set if a block was.
-    pub fn place(
+    pub fn put(
         &mut self,
         gpu: &Arc<Gpu>,
         sets: GatheredSets<'_>,

@@ -1,4 +1,4 @@
-//! One client: a process that sends frames of hard scenes and checks the answers until it is told to end.
+//! One client: a process that sends frames of hard scenes and checks the answers until it is asked to end.
 
 use std::collections::VecDeque;
 use std::rc::Rc;
@@ -9,11 +9,11 @@ use pairmask::{Error, PairMask, Pending, Scene, SceneEdit, ServedBy, Session, Se
 use pairmaskd::scene::Random;
 use serde::{Deserialize, Serialize};
 
-use super::kept_scene::{Heard, KeptScene};
 use super::offer::{MOST_UNDER_WAY, Offer, Way, pick};
+use super::scene_client::{Received, SceneClient};
 use crate::processes::report;
 use crate::stress::modes::Sending;
-use crate::stress::{Answer, Case, Finding, Form, Wanted};
+use crate::stress::{Answer, Case, Finding, Form, Requested};
 
 /// A frame without an answer for this long is lost. Software GPUs and all pairs of a large scene take
 /// a second on a machine that has less cores than clients.
@@ -26,7 +26,7 @@ const STOCK: usize = 5;
 const LARGE_ONE_IN: u64 = 10;
 /// One edit in so many begins a scene anew.
 const NEW_SCENE_ONE_IN: u64 = 60;
-const TELL_INTERVAL: Duration = Duration::from_millis(200);
+const REPORT_INTERVAL: Duration = Duration::from_millis(200);
 /// Lost or wrong frames after which a client ends: more of them say nothing new.
 const MOST_FAILURES: u32 = 10;
 /// Longest pause: frames of a game at 60 Hz are this far apart.
@@ -37,7 +37,7 @@ pub struct ClientSettings {
     pub seed: u64,
     /// A case that every second frame is of.
     pub case: Option<u64>,
-    pub wanted: Wanted,
+    pub requested: Requested,
     pub with_gpu: bool,
     /// Whether clients are killed now and then, and close sessions with frames under way.
     pub is_abrupt: bool,
@@ -48,7 +48,7 @@ pub(super) enum Said {
     /// Scenes that it drew and answers that it compared, and the rest.
     Counted([u64; 2], Counts),
     Failed(Box<FailedFrame>),
-    /// Its last words: why it could not go on, or nothing where it was told to end.
+    /// Its last words: why it could not go on, or nothing where it was asked to end.
     Ended(Option<String>),
 }
 
@@ -93,8 +93,8 @@ struct Open {
     session: Session,
     way: Way,
     frames: VecDeque<UnderWay>,
-    /// Its scene that persists, once there is one, and what has to come of it.
-    kept: Option<(Scene, KeptScene)>,
+    /// Its persistent scene, once there is one, and what has to come of it.
+    kept: Option<(Scene, SceneClient)>,
 }
 
 struct Client<'a> {
@@ -120,7 +120,7 @@ impl ClientSettings {
             |seed: &u64| [false, true].map(|is_large| Rc::new(Case::of_size(*seed, is_large)));
         let mut client = Client {
             settings: self,
-            offer: Offer::new(&self.wanted, self.with_gpu),
+            offer: Offer::new(&self.requested, self.with_gpu),
             daemon: daemon.clone().deadline(DEADLINE),
             is_over,
             random: Random::new(self.seed),
@@ -154,7 +154,7 @@ impl Client<'_> {
             if !self.step(session) {
                 break;
             }
-            if self.reported_at.elapsed() >= TELL_INTERVAL {
+            if self.reported_at.elapsed() >= REPORT_INTERVAL {
                 self.report();
             }
         }
@@ -175,8 +175,8 @@ impl Client<'_> {
                 std::thread::sleep(pause);
             }
             6..=9 => {
-                let place = self.below(STOCK);
-                self.stock[place] = self.next_case();
+                let slot = self.below(STOCK);
+                self.stock[slot] = self.next_case();
             }
             10 => {
                 if !self.settings.is_abrupt {
@@ -278,7 +278,7 @@ impl Client<'_> {
             *kept = None;
         }
         let (scene, model) = kept.get_or_insert_with(|| {
-            let model = KeptScene::new(random);
+            let model = SceneClient::new(random);
             (of.scene(model.options()).expect("no other process is needed"), model)
         });
         self.counts.edits += 1;
@@ -292,7 +292,7 @@ impl Client<'_> {
                 }
                 let answer = pending.wait()?;
                 by = answer.served_by();
-                Ok(Some(Heard {
+                Ok(Some(Received {
                     begun: answer.begun().to_vec(),
                     ended: answer.ended().map(|ended| ended.pair).collect(),
                     pairs: answer.pairs().to_vec(),

@@ -6,8 +6,8 @@
 //! when the last one is lost: the daemon's supervisor starts another worker, and such a run ends as failed.
 
 mod client;
-mod kept_scene;
 mod offer;
+mod scene_client;
 
 pub use client::{ClientSettings, Counts};
 
@@ -36,7 +36,7 @@ use crate::processes::{Daemon, Work, Worker};
 const SPARE_SLOTS: usize = 32;
 const BETWEEN_KILLS_MS: Range<u64> = 200..1_500;
 const TICK: Duration = Duration::from_millis(50);
-/// A client that has not ended this long after it was told to hangs: it waits for a few frames first.
+/// A client that has not ended this long after it was asked to hangs: it waits for a few frames first.
 const ENDS_WITHIN: Duration = DEADLINE.saturating_add(Duration::from_secs(30));
 
 pub fn limits(clients: NonZeroU16) -> Limits {
@@ -107,18 +107,18 @@ impl ClientsRun {
         let start = Instant::now();
         let look = Look::before(&self.daemon.session())?;
         let settings = ClientSettings { with_gpu: look.has_gpu, ..self.settings.clone() };
-        let offer = Offer::new(&settings.wanted, look.has_gpu);
+        let offer = Offer::new(&settings.requested, look.has_gpu);
         if offer.is_empty() {
             return Err("nothing to ask the daemon for: spheres and scenes go with --mode exact only, and engines \
                         of the GPU need a daemon that has one"
                 .into());
         }
-        let (heard, ears) = channel();
+        let (received, ears) = channel();
         let mut crowd = Crowd {
             daemon: &self.daemon,
             random: Random::new(settings.seed),
             settings,
-            heard,
+            received,
             ears,
             clients: BTreeMap::new(),
             started: 0,
@@ -163,7 +163,7 @@ impl ClientsRun {
             crowd.note(number, said);
         }
         for (number, _) in std::mem::take(&mut crowd.clients) {
-            crowd.report.broken.push(format!("client {number} does not end when it is told to"));
+            crowd.report.broken.push(format!("client {number} does not end when it is asked to"));
         }
         let Crowd { failed, report: mut clients, cases, answers, .. } = crowd;
         clients.daemon = look.after().unwrap_or_default();
@@ -185,7 +185,7 @@ struct Crowd<'a> {
     daemon: &'a Daemon,
     random: Random,
     settings: ClientSettings,
-    heard: Sender<(u64, Option<Said>)>,
+    received: Sender<(u64, Option<Said>)>,
     ears: Receiver<(u64, Option<Said>)>,
     /// The clients by number, and whether each has said its last words.
     clients: BTreeMap<u64, (Worker, bool)>,
@@ -199,11 +199,11 @@ struct Crowd<'a> {
 impl Crowd<'_> {
     fn start(&mut self) -> io::Result<()> {
         let settings = ClientSettings { seed: self.random.bits(), ..self.settings.clone() };
-        let (number, heard) = (self.started, self.heard.clone());
+        let (number, received) = (self.started, self.received.clone());
         self.started += 1;
         // Nobody reads what a client reports after the run.
-        let hear = move |said| drop(heard.send((number, said)));
-        let worker = self.daemon.start(&Work::Stress(settings), hear)?;
+        let receive = move |said| drop(received.send((number, said)));
+        let worker = self.daemon.start(&Work::Stress(settings), receive)?;
         self.clients.insert(number, (worker, false));
         Ok(())
     }
@@ -322,7 +322,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn whatever_is_lost_wrong_or_broken_is_not_clean() {
+    fn a_lost_wrong_or_broken_answer_is_not_clean() {
         let audit = Some(AuditReport { frames: 9, ..AuditReport::default() });
         let daemon = DaemonReport { serves: true, audit, ..DaemonReport::default() };
         let clean = ClientsReport { killed: 3, daemon, ..ClientsReport::default() };

@@ -7,7 +7,7 @@ use pairmask_core::engine::{EngineChoice, EngineName};
 use pairmask_core::{Encoding, EncodingChoice};
 use pairmaskd::scene::Random;
 
-use crate::stress::{Form, Wanted};
+use crate::stress::{Form, Requested};
 
 /// Most frames of a session that are filled, under way or held: the library's own limit.
 pub(super) const MOST_UNDER_WAY: usize = 3;
@@ -23,7 +23,7 @@ pub(super) struct Offer {
 
 impl Offer {
     /// What `--engine`, `--mode` and `--threads` leave.
-    pub(super) fn new(wanted: &Wanted, with_gpu: bool) -> Self {
+    pub(super) fn new(requested: &Requested, with_gpu: bool) -> Self {
         let named = EngineName::ALL.into_iter().filter(|name| with_gpu || !name.is_gpu());
         let choices = [EngineChoice::Auto].into_iter().chain(named.map(EngineChoice::Only));
         let forms = choices.map(|choice| {
@@ -35,16 +35,17 @@ impl Offer {
                     (name.as_str(), !name.is_gpu(), keeps)
                 }
             };
-            let mut forms = wanted.forms_of_boxes(name);
+            let mut forms = requested.forms_of_boxes(name);
             forms.extend(
-                (has_spheres && wanted.has("spheres", Form::Spheres)).then_some(Form::Spheres),
+                (has_spheres && requested.has("spheres", Form::Spheres)).then_some(Form::Spheres),
             );
-            forms
-                .extend((keeps_scenes && wanted.has("scenes", Form::Scene)).then_some(Form::Scene));
+            forms.extend(
+                (keeps_scenes && requested.has("scenes", Form::Scene)).then_some(Form::Scene),
+            );
             (choice, forms)
         });
         let forms = forms.filter(|(_, forms)| !forms.is_empty()).collect();
-        Self { forms, most_threads: wanted.threads.max(1) }
+        Self { forms, most_threads: requested.threads.max(1) }
     }
 
     pub(super) const fn is_empty(&self) -> bool {
@@ -128,7 +129,7 @@ mod tests {
 
     fn offer(engine: &str, mode: &str, with_gpu: bool) -> Offer {
         let (engines, modes) = (vec![engine.to_owned()], vec![mode.to_owned()]);
-        Offer::new(&Wanted { engines, modes, threads: 2 }, with_gpu)
+        Offer::new(&Requested { engines, modes, threads: 2 }, with_gpu)
     }
 
     #[test]

@@ -55,11 +55,11 @@ impl Client {
         })
     }
 
-    /// Answers a frame of boxes. The answer has `pairs` if `wants_pairs`.
-    pub fn frame(&mut self, boxes: &[Aabb], wants_pairs: bool) -> Result<Answer, TimedError> {
+    /// Answers a frame of boxes. The answer has `pairs` if `lists_pairs`.
+    pub fn frame(&mut self, boxes: &[Aabb], lists_pairs: bool) -> Result<Answer, TimedError> {
         let mut pairs = None;
         let mut look = |mask: &PairMask| {
-            pairs = wants_pairs.then(|| {
+            pairs = lists_pairs.then(|| {
                 let mut pairs = mask.to_vec();
                 pairs.sort_unstable();
                 pairs
@@ -72,7 +72,7 @@ impl Client {
             }
             // The world's boxes exist before the clock starts; their conversion to f32 is timed.
             Self::World(client) => {
-                client.place(boxes);
+                client.put(boxes);
                 let start = Instant::now();
                 let mut frame = client.session.frame(boxes.len())?;
                 for (to, [min, max]) in frame.boxes_mut().iter_mut().zip(&client.boxes) {
@@ -134,10 +134,10 @@ impl WorldClient {
         Self { session, offset, is_plain, origin: middle + offset, boxes: Vec::new() }
     }
 
-    fn place(&mut self, boxes: &[Aabb]) {
-        let place = |x: f32| self.offset + STRETCH * f64::from(x);
+    fn put(&mut self, boxes: &[Aabb]) {
+        let put = |x: f32| self.offset + STRETCH * f64::from(x);
         self.boxes.clear();
-        self.boxes.extend(boxes.iter().map(|b| [b.min, b.max].map(|corner| corner.map(place))));
+        self.boxes.extend(boxes.iter().map(|b| [b.min, b.max].map(|corner| corner.map(put))));
     }
 }
 
@@ -149,8 +149,8 @@ fn world_pairs(boxes: &[Faces], origin: DVec3, engine: EngineId) -> Result<Vec<P
     };
     exact_pairs(boxes, wide, engine, |[p_min, p_max], [q_min, q_max]| {
         (0..3).all(|axis| {
-            let solid = p_min[axis] <= p_max[axis] && q_min[axis] <= q_max[axis];
-            solid && p_min[axis] <= q_max[axis] && q_min[axis] <= p_max[axis]
+            let valid = p_min[axis] <= p_max[axis] && q_min[axis] <= q_max[axis];
+            valid && p_min[axis] <= q_max[axis] && q_min[axis] <= p_max[axis]
         })
     })
 }
@@ -174,7 +174,7 @@ fn sphere(b: &Aabb) -> Sphere {
     match b.class() {
         BoxClass::Empty => return Sphere::EMPTY,
         BoxClass::Invalid => return Sphere::new([f32::NAN; 3], 0.0),
-        BoxClass::Solid => {}
+        BoxClass::Valid => {}
     }
     let center: [f32; 3] = std::array::from_fn(|axis| {
         let (min, max) = (b.min[axis], b.max[axis]);
@@ -193,7 +193,7 @@ fn sphere(b: &Aabb) -> Sphere {
 /// The exact pairs of spheres.
 fn sphere_pairs(spheres: &[Sphere], engine: EngineId) -> Result<Vec<Pair>, TimedError> {
     let wide = |s: &Sphere| match s.class() {
-        BoxClass::Solid => Aabb {
+        BoxClass::Valid => Aabb {
             min: s.center.map(|x| outward(f64::from(x) - f64::from(s.radius), false)),
             max: s.center.map(|x| outward(f64::from(x) + f64::from(s.radius), true)),
         },
@@ -220,7 +220,7 @@ mod tests {
         let scene = Scene::new(SceneName::Pile, 1_000, 1);
         for offset in [0.0, 1e6, 1e9] {
             let mut world = world_client(offset, scene.boxes());
-            world.place(scene.boxes());
+            world.put(scene.boxes());
             let is_f32 = |x: &&f64| f64::from((**x - 1e6) as f32) == **x - 1e6;
             let count = world.boxes.as_flattened().as_flattened().iter().filter(is_f32).count();
             assert!(count < 3_000 || offset != 1e6, "{count} of 6,000 coordinates are f32 numbers");
@@ -238,7 +238,7 @@ mod tests {
         let n = truth::NAIVE_LIMIT + 1;
         let scene = Scene::new(SceneName::Mixed, n, 1);
         let mut client = world_client(1e9, scene.boxes());
-        client.place(scene.boxes());
+        client.put(scene.boxes());
         let by_engine = world_pairs(&client.boxes, client.origin, EngineName::CpuGrid.into())?;
         assert_eq!(by_engine, truth_of_faces(&client.boxes).pairs);
         let mut random = Random::new(7);
@@ -268,6 +268,6 @@ mod tests {
         assert_eq!(sphere(&nan).class(), BoxClass::Invalid);
         let half = Aabb { min: [f32::NEG_INFINITY, 1.0, 1.0], max: [-3.0, 2.0, f32::INFINITY] };
         let s = sphere(&half);
-        assert_eq!((s.class(), s.radius), (BoxClass::Solid, f32::INFINITY), "{s:?}");
+        assert_eq!((s.class(), s.radius), (BoxClass::Valid, f32::INFINITY), "{s:?}");
     }
 }

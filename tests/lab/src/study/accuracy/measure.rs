@@ -21,7 +21,7 @@ use crate::study::harness::{Fields, fields, percentile, row};
 type Stage = (&'static str, fn(&TimedFrame) -> u64);
 
 /// Stages of a frame. `round_trip` holds `engine`, which holds `ingest`, `plan`, `execute` and `publish`; `total` is
-/// `fill` (memory borrowed, boxes written), `round_trip` and `decode` (every pair of the mask visited once).
+/// `fill` (memory borrowed, boxes written), `round_trip` and `decode` (every pair of the mask iterated over once).
 /// Percentiles do not add up; stages of one frame do.
 pub const STAGES: [Stage; 9] = [
     ("fill_ns", |frame| frame.fill.as_nanos() as u64),
@@ -143,7 +143,7 @@ pub fn row(
     Ok(row)
 }
 
-/// Extra pairs for a hundred true ones, for a user who wants the pairs of the boxes: spheres are compared with the
+/// Extra pairs for a hundred true ones, for a user who needs the pairs of the boxes: spheres are compared with the
 /// boxes' pairs. `None` where a pair was missed, no frame was checked, or there is no true pair.
 pub(super) fn error_percent(
     checked_frames: u64,

@@ -170,14 +170,13 @@ fn p50(row: &Fields) -> f64 {
 
 fn settings(rows: &[Fields]) -> Vec<Setting<'_>> {
     let scenes = in_order(rows, "scene");
-    let place = |row: &Fields| {
+    let slot = |row: &Fields| {
         let scene = scenes.iter().position(|scene| *scene == text(row, "scene"));
         (scene, row["n"].as_u64())
     };
     let distance = |row: &Fields| row["offset"].as_f64().unwrap_or(-1.0);
-    let order = |a: &&Fields, b: &&Fields| {
-        place(a).cmp(&place(b)).then(distance(a).total_cmp(&distance(b)))
-    };
+    let order =
+        |a: &&Fields, b: &&Fields| slot(a).cmp(&slot(b)).then(distance(a).total_cmp(&distance(b)));
     let mut sorted: Vec<&Fields> = rows.iter().collect();
     sorted.sort_by(order);
     let settings = sorted.chunk_by(|a, b| order(a, b).is_eq());

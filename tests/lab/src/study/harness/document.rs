@@ -89,11 +89,12 @@ pub fn html(parts: &[Part]) -> String {
             Part::Table(table) => {
                 let mut lines = String::new();
                 for (number, line) in table.lines().iter().enumerate() {
-                    let tag = if number == 0 { "th" } else { "td" };
+                    let filter_data = if number == 0 { "th" } else { "td" };
                     lines += "<tr>";
                     for (at, cell) in line.iter().enumerate() {
                         let class = if table.is_left(at) { " class=\"name\"" } else { "" };
-                        let _ = write!(lines, "<{tag}{class}>{}</{tag}>", marked(cell));
+                        let _ =
+                            write!(lines, "<{filter_data}{class}>{}</{filter_data}>", marked(cell));
                     }
                     lines += "</tr>\n";
                 }

@@ -7,7 +7,7 @@ use plotters::prelude::*;
 
 use super::table::{Table, number_text, plain};
 
-/// Colours of series. They are Okabe and Ito's, which differ for readers who do not tell red from green; the
+/// Colours of series. They are Okabe and Ito's, which differ for readers who do not distinguish red from green; the
 /// lightest of them, yellow, is darkened to show on white.
 const COLOURS: [RGBColor; 8] = [
     RGBColor(0x00, 0x72, 0xb2),
@@ -30,7 +30,7 @@ const KEY_COLUMNS: usize = 2;
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
 
-/// A value of a field, in the unit that its name tells.
+/// A value of a field, in the unit that its name says.
 pub fn value_text(field: &str, value: f64) -> String {
     let steps: &[(f64, &str)] = if field.split('.').any(|part| part.ends_with("_ns")) {
         &[(1e9, " s"), (1e6, " ms"), (1e3, " µs"), (1.0, " ns")]
@@ -138,7 +138,7 @@ impl Plot {
         let front = DashedLineSeries::new(self.front.iter().map(placed), 5, 4, INK.stroke_width(2));
         chart.draw_series(front)?;
         for (points, colour) in self.series.values().zip(COLOURS.iter().cycle()) {
-            let circle = |place| Circle::new(placed(place), 4, colour.filled());
+            let circle = |slot| Circle::new(placed(slot), 4, colour.filled());
             chart.draw_series(points.iter().map(circle))?;
         }
         let width = (SIZE.0 - 84) as usize / KEY_COLUMNS;

@@ -20,7 +20,7 @@ use crate::study::harness::{Fields, median, repeated};
 const WORD_IDS: u64 = 32;
 
 /// Time after which a frame is given up: a thousand times a GPU's need, enough for a software adapter.
-const PATIENCE: Duration = Duration::from_secs(120);
+const TIMEOUT: Duration = Duration::from_secs(120);
 
 /// A device and the stages of the study, each compiled when it is first asked for.
 pub struct Bench {
@@ -68,7 +68,7 @@ impl Bench {
     }
 
     pub(crate) fn run(frame: &mut Frame) -> Result<Vec<StepTime>, GpuError> {
-        frame.run(PATIENCE)?;
+        frame.run(TIMEOUT)?;
         frame.step_times()
     }
 

@@ -28,12 +28,12 @@ pub struct PaperData {
     pub name: String,
     pub title: String,
     pub machine: String,
-    pub items: Vec<ItemData>,
+    pub entries: Vec<ItemData>,
 }
 
 #[derive(Debug, Deserialize)]
 pub struct ItemData {
-    pub place: String,
+    pub label: String,
     #[serde(default)]
     pub shows: String,
     pub nothing_to_measure: Option<String>,
@@ -98,7 +98,7 @@ struct ClaimData {
     #[serde(default)]
     unit: String,
     #[serde(default)]
-    counts_other_things: bool,
+    counts_other_units: bool,
     paper: Option<Value>,
     #[serde(default)]
     ours: String,
@@ -129,14 +129,14 @@ impl Data {
         Scope { root: &self.figures, defined: &self.define }.value(expression)
     }
 
-    pub fn judge(&self, item: &ItemData, figures: &Figures) -> Result<Vec<Claim>, String> {
+    pub fn judge(&self, entry: &ItemData, figures: &Figures) -> Result<Vec<Claim>, String> {
         let claim = |fields: &Map<String, Value>| {
-            let mut all = item.defaults.clone();
+            let mut all = entry.defaults.clone();
             all.extend(fields.clone());
             let data = serde_json::from_value(Value::Object(all));
-            self.claim(&data.map_err(|error| format!("{}: {error}", item.place))?, figures)
+            self.claim(&data.map_err(|error| format!("{}: {error}", entry.label))?, figures)
         };
-        item.claims.iter().map(claim).collect()
+        entry.claims.iter().map(claim).collect()
     }
 
     /// Takes the figures from the source that has most of the rows, of several the first: figures of
@@ -231,7 +231,7 @@ impl Data {
         } else {
             Scope { root, defined: &self.define }.value(&fill(&data.ours))?
         };
-        let comparable = paper.filter(|paper| *paper != 0.0 && !data.counts_other_things);
+        let comparable = paper.filter(|paper| *paper != 0.0 && !data.counts_other_units);
         let ratio = ours.zip(comparable).map(|(ours, paper)| ours / paper);
         let is_else = source.is_none() && data.all.is_some();
         let what = if is_else { data.what_else.clone() } else { fill(&data.what) };

@@ -6,7 +6,7 @@
 //! one in `[lists]`), or for each row of a record's list that `all` selects, else one. `what` names the row,
 //! `paper` is the paper's figure or an [`expression`] over `[figures]`, `ours` an expression over a record of the
 //! kind `of`. `{x}` in texts is the element of `each`, `{name}` a field of it, of the selected row, or of the record.
-//! `$name` is a text of `[text]`, `name(…)` an expression of `[define]`. What an item says but for its `place` and
+//! `$name` is a text of `[text]`, `name(…)` an expression of `[define]`. What an item says but for its `label` and
 //! `shows` holds for all its claims that do not say otherwise. `records` reads what earlier runs left,
 //! [`page`] writes.
 //!
@@ -52,10 +52,10 @@ pub fn mapping_claims(report: &Report) -> Result<Vec<Fields>> {
     let mut figures = Figures::default();
     figures.add_run(Kind::Mapping, report)?;
     let mut found = Vec::new();
-    for item in &DATA.mapping {
-        for Claim { says, rule, verdict, why, .. } in DATA.judge(item, &figures)? {
+    for entry in &DATA.mapping {
+        for Claim { says, rule, verdict, why, .. } in DATA.judge(entry, &figures)? {
             let evidence = if why.is_empty() { rule } else { format!("{rule}: {why}") };
-            found.push(row!(place: item.place, claim: says, verdict, evidence));
+            found.push(row!(label: entry.label, claim: says, verdict, evidence));
         }
     }
     Ok(found)

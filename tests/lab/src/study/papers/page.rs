@@ -23,12 +23,12 @@ pub struct Paper {
     pub name: &'static str,
     pub title: &'static str,
     pub machine: &'static str,
-    pub items: Vec<Item>,
+    pub entries: Vec<Item>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Item {
-    pub place: &'static str,
+    pub label: &'static str,
     pub shows: &'static str,
     pub nothing_to_measure: &'static Option<String>,
     pub claims: Vec<Claim>,
@@ -36,15 +36,15 @@ pub struct Item {
 
 impl Paper {
     pub fn claims(&self) -> impl Iterator<Item = (&Item, &Claim)> {
-        self.items.iter().flat_map(|item| item.claims.iter().map(move |claim| (item, claim)))
+        self.entries.iter().flat_map(|entry| entry.claims.iter().map(move |claim| (entry, claim)))
     }
 
     fn summary(&self) -> Fields {
         let count = |verdict| self.claims().filter(|(_, claim)| claim.verdict == verdict).count();
-        let nothing = self.items.iter().filter(|item| item.nothing_to_measure.is_some());
+        let nothing = self.entries.iter().filter(|entry| entry.nothing_to_measure.is_some());
         row!(
             paper: self.name,
-            tables_and_figures: self.items.len(),
+            tables_and_figures: self.entries.len(),
             nothing_to_measure: nothing.count(),
             holds: count(Verdict::Holds),
             breaks: count(Verdict::Breaks),
@@ -56,14 +56,14 @@ impl Paper {
 impl PapersReport {
     pub fn of(machine: Fields, only_records: bool, figures: &Figures) -> Result<Self> {
         let mut papers = Vec::new();
-        for PaperData { name, title, machine, items } in &DATA.paper {
-            let judge = |item: &'static ItemData| {
-                let ItemData { place, shows, nothing_to_measure, .. } = item;
-                let claims = DATA.judge(item, figures)?;
-                Ok(Item { place, shows, nothing_to_measure, claims })
+        for PaperData { name, title, machine, entries } in &DATA.paper {
+            let judge = |entry: &'static ItemData| {
+                let ItemData { label, shows, nothing_to_measure, .. } = entry;
+                let claims = DATA.judge(entry, figures)?;
+                Ok(Item { label, shows, nothing_to_measure, claims })
             };
-            let items = items.iter().map(judge).collect::<Result<_, String>>()?;
-            papers.push(Paper { name, title, machine, items });
+            let entries = entries.iter().map(judge).collect::<Result<_, String>>()?;
+            papers.push(Paper { name, title, machine, entries });
         }
         let named = |source: &&Source| {
             let rows = papers.iter().flat_map(Paper::claims).flat_map(|(_, claim)| &claim.rows);
@@ -91,8 +91,8 @@ impl PapersReport {
         let title = Part::heading(1, "The papers, theirs beside ours");
         let mut report = Report::new("papers", vec![title, Part::text(made_of)]);
         report.page = Some(("papers.html", Vec::new()));
-        let lines = self.papers.iter().flat_map(Paper::claims).flat_map(|(item, claim)| {
-            let line = |row| json!({ "place": item.place, "says": claim.says, "row": row });
+        let lines = self.papers.iter().flat_map(Paper::claims).flat_map(|(entry, claim)| {
+            let line = |row| json!({ "label": entry.label, "says": claim.says, "row": row });
             claim.rows.iter().map(line)
         });
         report.csv_rows = Some(Table::of(&lines.collect::<Vec<_>>()));
@@ -125,11 +125,11 @@ impl PapersReport {
             ]
         };
         let parts = &mut report.parts;
-        for Paper { name, title, machine, items } in &self.papers {
+        for Paper { name, title, machine, entries } in &self.papers {
             let about = Part::text(format!("{title}. Measured on: {machine}."));
             parts.extend([Part::heading(2, *name), about]);
-            for Item { place, shows, nothing_to_measure, claims } in items {
-                parts.push(Part::heading(3, format!("{place}: {shows}")));
+            for Item { label, shows, nothing_to_measure, claims } in entries {
+                parts.push(Part::heading(3, format!("{label}: {shows}")));
                 let nothing = nothing_to_measure.iter();
                 parts.extend(nothing.map(|why| Part::text(format!("Nothing to measure: {why}."))));
                 for Claim { says, rule, verdict, why, note, rows } in claims {
@@ -153,9 +153,9 @@ impl PapersReport {
     pub fn sentences(&self, verdict: Verdict) -> Vec<String> {
         let of = |paper: &Paper| {
             let claims = paper.claims().filter(|(_, claim)| claim.verdict == verdict);
-            let sentence = |(item, claim): (&Item, &Claim)| {
+            let sentence = |(entry, claim): (&Item, &Claim)| {
                 let why = if claim.why.is_empty() { &claim.rule } else { &claim.why };
-                format!("{}, {}: {}; {why}.", paper.name, item.place, claim.says)
+                format!("{}, {}: {}; {why}.", paper.name, entry.label, claim.says)
             };
             claims.map(sentence).collect::<Vec<_>>()
         };

@@ -108,8 +108,8 @@ impl Figures {
         kinds.into_iter().flat_map(|kind| self.all(kind))
     }
 
-    pub fn without_cores(&self, wanted: &MissingCores) -> String {
-        let MissingCores { scene, n, cores } = wanted;
+    pub fn without_cores(&self, requested: &MissingCores) -> String {
+        let MissingCores { scene, n, cores } = requested;
         let row = format!("rows[stage=update-aabbs,scene={scene},n={n},threads=1]");
         let measures = |source: &&Source| !select(&source.data, &row).is_empty();
         let measured = self.all(Kind::Threads).filter(measures);

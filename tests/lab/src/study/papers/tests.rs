@@ -29,14 +29,14 @@ fn every_table_and_figure_is_listed_and_without_records_nothing_is_invented() {
     assert_eq!(counts, [15, 13, 15, 9]);
     let mut table_1 = Vec::new();
     for paper in &report.papers {
-        let places: BTreeSet<_> = paper.items.iter().map(|item| &item.place).collect();
-        assert_eq!(places.len(), paper.items.len(), "{}", paper.name);
-        for item in &paper.items {
-            let says = item.claims.is_empty() == item.nothing_to_measure.is_some();
-            assert!(says, "{} {}", paper.name, item.place);
+        let labels: BTreeSet<_> = paper.entries.iter().map(|entry| &entry.label).collect();
+        assert_eq!(labels.len(), paper.entries.len(), "{}", paper.name);
+        for entry in &paper.entries {
+            let says = entry.claims.is_empty() == entry.nothing_to_measure.is_some();
+            assert!(says, "{} {}", paper.name, entry.label);
         }
-        for (item, claim) in paper.claims() {
-            let is_code = item.place == "Table 1" && claim.says.contains("pair");
+        for (entry, claim) in paper.claims() {
+            let is_code = entry.label == "Table 1" && claim.says.contains("pair");
             assert_eq!(claim.verdict == Verdict::NotMeasured, !is_code, "{claim:?}");
             assert!(is_code || !claim.why.is_empty(), "{claim:?}");
             let ours = claim.rows.last().and_then(|row| row.ours);
@@ -60,11 +60,11 @@ fn the_pages_show_every_table_and_figure_and_load_nothing() {
     for loading in ["http://", "https://", "src=", "<link", "<script", "@import", "url("] {
         assert!(!html.contains(loading), "{loading}");
     }
-    let items = report.papers.iter().map(|paper| paper.items.len()).sum::<usize>();
-    assert_eq!((html.matches("<h3>").count(), text.matches("\n### ").count()), (items, items));
-    let place = |part: &str| text.find(part).unwrap_or_else(|| panic!("no {part}:\n{text}"));
+    let entries = report.papers.iter().map(|paper| paper.entries.len()).sum::<usize>();
+    assert_eq!((html.matches("<h3>").count(), text.matches("\n### ").count()), (entries, entries));
+    let label = |part: &str| text.find(part).unwrap_or_else(|| panic!("no {part}:\n{text}"));
     let parts = ["| paper ", "## What breaks", "## What holds", "## Avril 2009", "## Suaib 2015"];
-    assert!(parts.map(place).is_sorted(), "{text}");
+    assert!(parts.map(label).is_sorted(), "{text}");
     assert!(text.contains("ours 499499, the paper's 499500"), "{text}");
 }
 
@@ -161,9 +161,9 @@ fn page_of(records: &Path) -> Result<PapersReport> {
     make(&PapersOptions { only_records: true, from, ..PapersOptions::default() }, || ())
 }
 
-fn claim<'a>(report: &'a PapersReport, paper: usize, place: &str, index: usize) -> &'a Claim {
-    let item = report.papers[paper].items.iter().find(|item| item.place == place);
-    &item.expect("an item").claims[index]
+fn claim<'a>(report: &'a PapersReport, paper: usize, label: &str, index: usize) -> &'a Claim {
+    let entry = report.papers[paper].entries.iter().find(|entry| entry.label == label);
+    &entry.expect("an item").claims[index]
 }
 
 /// Of each claim all figures are those of one record, the newest that has most; threads beyond the cores are none.
@@ -179,16 +179,16 @@ fn records_are_read_newest_first_and_a_broken_one_is_an_error() {
         let rows: Vec<String> = times.split(' ').map(row).collect();
         format!(r#"{{"machine":{{"cpu":"C","cores":4}},"rows":[{}]}}"#, rows.join(","))
     };
-    let place = tempfile::tempdir().expect("a folder");
+    let folder = tempfile::tempdir().expect("a folder");
     for (day, times) in [
         ("2026-03-01-c", "1:9000000"),
         ("2026-02-01-b", "1:8000000 2:4000000 4:3000000 8:1000000"),
         ("2026-01-01-a", "1:8000000 2:5000000 4:4000000"),
     ] {
-        fs::create_dir(place.path().join(day)).expect("a folder");
-        fs::write(place.path().join(day).join("threads.json"), threads(times)).expect("a file");
+        fs::create_dir(folder.path().join(day)).expect("a folder");
+        fs::write(folder.path().join(day).join("threads.json"), threads(times)).expect("a file");
     }
-    let report = page_of(place.path()).expect("a page");
+    let report = page_of(folder.path()).expect("a page");
     let halved = claim(&report, 0, "Figure 12", 0);
     assert_eq!((halved.verdict, halved.rows[0].ours), (Verdict::Holds, Some(2.0)));
     let more = claim(&report, 0, "Figure 12", 1);
@@ -197,21 +197,21 @@ fn records_are_read_newest_first_and_a_broken_one_is_an_error() {
     assert_eq!(more.rows[0].from.as_deref(), Some("2026-02-01-b/threads.json"));
     assert!(more.why.ends_with("the largest has 4"), "{}", more.why);
     assert_eq!(report.sources.len(), 1);
-    fs::write(place.path().join("2026-01-01-a/grid.json"), "{}").expect("a file");
-    let error = page_of(place.path()).expect_err("no grid");
+    fs::write(folder.path().join("2026-01-01-a/grid.json"), "{}").expect("a file");
+    let error = page_of(folder.path()).expect_err("no grid");
     assert!(error.to_string().contains("grid.json"), "{error}");
 }
 
 #[test]
 fn the_scene_that_gains_most_from_a_second_gpu_decides() {
-    let place = tempfile::tempdir().expect("a folder");
-    fs::create_dir(place.path().join("r")).expect("a folder");
+    let folder = tempfile::tempdir().expect("a folder");
+    fs::create_dir(folder.path().join("r")).expect("a folder");
     let verdicts = |two_ms: f64| {
         let scene =
             |scene, two_ms| json!({"scene": scene, "n": 1e6, "one_ms": 1.0, "two_ms": two_ms});
         let text = json!({"scenes": [scene("a", 0.98), scene("b", two_ms)]}).to_string();
-        fs::write(place.path().join("r/several-gpus.json"), text).expect("a file");
-        let report = page_of(place.path()).expect("a page");
+        fs::write(folder.path().join("r/several-gpus.json"), text).expect("a file");
+        let report = page_of(folder.path()).expect("a page");
         let large = claim(&report, 2, "Figure 14", 2);
         let best = if two_ms < 0.98 { "b" } else { "a" };
         assert_eq!(large.rows[0].what, format!("{best}, 2 GPUs over 1"));

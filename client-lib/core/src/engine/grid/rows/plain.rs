@@ -18,7 +18,7 @@ const ROWS: u32 = 96;
 const _: () = assert!(ROWS as usize * GROUP < BATCH_STRIPS);
 /// Most strips of a cell, so that those of a row are a group with the one of its own line.
 const STRIPS: usize = GROUP - 1;
-/// Columns that two strips hold: those of a run are written at a time, wanted or not.
+/// Columns that two strips hold: those of a run are written at a time, needed or not.
 const TWO_STRIPS: u32 = 2 * STRIP_COLUMNS as u32;
 
 /// Cells of a line in sequence, none of them empty.
@@ -175,14 +175,14 @@ impl StripTask<CellSearch> {
     fn push_plain(&mut self, scene: Scene<'_>, rows: Range<u32>) {
         let PlainCells { cells, ends, .. } = &self.own.plain;
         let reach = &scene.sorted.reach[rows.start as usize..rows.end as usize];
-        self.batch.push_all(|places| {
+        self.batch.push_all(|slots| {
             let mut at = 0;
             for (row, &reach) in rows.zip(reach) {
                 let cell = &cells[at % CELLS];
                 let far = usize::from(reach & REACH_X);
                 let columns = cell.own_ends[far] - (row + 1);
                 let lanes = ((1u32 << columns) - 1) as u16;
-                places.push_row(row, row + 1, lanes, &cell.group(reach, far));
+                slots.push_row(row, row + 1, lanes, &cell.group(reach, far));
                 at += usize::from(row + 1 == ends[at % CELLS]);
             }
         });

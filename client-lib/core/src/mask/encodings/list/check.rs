@@ -7,7 +7,7 @@ use crate::units::BoxCount;
 /// Checks every rule.
 ///
 /// Pairs are put into buckets by their smaller index, about one a bucket, so that the time grows with
-/// the length of the list and the memory is twice the list's, whatever `n` is.
+/// the length of the list and the memory is twice the list's, for any `n`.
 pub(super) fn verify(n: BoxCount, list: &[[u32; 2]]) -> Result<(), MaskError> {
     // A copy: another process may write to the list between two looks at it.
     let pairs = list.to_vec();

@@ -5,7 +5,7 @@
 //! and so on; empty lanes are then squeezed out. Words with more bits go one by one, as columns of
 //! which those without a bit are squeezed out. There is no branch on any single bit.
 #![allow(unsafe_code)]
-// Thirty intrinsics by name would tell a reader nothing.
+// Thirty intrinsics by name would not help a reader.
 #![allow(clippy::wildcard_imports)]
 
 use std::arch::x86_64::*;
@@ -136,9 +136,9 @@ fn put_step(n: BoxCount, words: [&[u32; STEP]; 3], writer: &mut PairWriter) -> b
 fn put_twos(n: __m512i, row: __m512i, base: __m512i, bits: [__m512i; 2], writer: &mut PairWriter) {
     // Unpacking works within the quarters of a register: quarter q gets words 2q, 2q + 1 for the
     // first register and 8 + 2q, 9 + 2q for the second.
-    let places = _mm512_setr_epi32(0, 1, 8, 9, 2, 3, 10, 11, 4, 5, 12, 13, 6, 7, 14, 15);
-    let place = |v| _mm512_permutexvar_epi32(places, v);
-    let (row, base, first, second) = (place(row), place(base), place(bits[0]), place(bits[1]));
+    let slots = _mm512_setr_epi32(0, 1, 8, 9, 2, 3, 10, 11, 4, 5, 12, 13, 6, 7, 14, 15);
+    let slot = |v| _mm512_permutexvar_epi32(slots, v);
+    let (row, base, first, second) = (slot(row), slot(base), slot(bits[0]), slot(bits[1]));
     let low = |a, b| _mm512_unpacklo_epi32(a, b);
     let high = |a, b| _mm512_unpackhi_epi32(a, b);
     put_lanes(n, low(row, row), low(base, base), low(first, second), writer);
@@ -173,8 +173,8 @@ fn put_fours(n: __m512i, row: __m512i, base: __m512i, bits: [__m512i; 4], writer
 #[inline]
 fn dealt_to_quarters(v: __m512i) -> __m512i {
     // Unpacking works within quarters.
-    let places = _mm512_setr_epi32(0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15);
-    _mm512_permutexvar_epi32(places, v)
+    let slots = _mm512_setr_epi32(0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15);
+    _mm512_permutexvar_epi32(slots, v)
 }
 
 /// Four bits of each word: quarter q of register i are those of word 4i + q.

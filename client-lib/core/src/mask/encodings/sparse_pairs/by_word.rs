@@ -14,7 +14,7 @@ use crate::units::BoxCount;
 /// Words whose stray bits are taken away together.
 const STEP: usize = 16;
 
-/// Pairs that are written at a time, wanted or not.
+/// Pairs that are written at a time, needed or not.
 const AT_A_TIME: usize = 4;
 
 /// Columns of a word, and what is read in place of a column where there is no bit.

@@ -5,7 +5,7 @@
 //! goes by a single pair, and there is no branch on any single bit. What names no pair is taken
 //! from 16 words at a time before.
 #![allow(unsafe_code)]
-// Thirty intrinsics by name would tell a reader nothing.
+// Thirty intrinsics by name would not help a reader.
 #![allow(clippy::wildcard_imports)]
 
 use std::arch::x86_64::*;

@@ -42,7 +42,7 @@ struct Serving {
     task: u64,
 }
 
-/// What a process has used, counted from where the [clock](Inbox::clock) stood when it came.
+/// What a process has used, counted from where the [clock](RequestQueue::clock) stood when it came.
 #[derive(Debug)]
 struct Account {
     process: u32,
@@ -51,13 +51,13 @@ struct Account {
 
 /// Requests that wait for an answer, and the sessions that are being answered.
 ///
-/// Processes share the time of those who serve, whatever they say and however many ports they have: of
+/// Processes share the time of those who serve, regardless of what they say and however many ports they have: of
 /// two that wait, the one is next that has used less, where a part of the time counts that each has waited; of
 /// equals, the one that has waited longer. None starves. A process that has been away has no time saved up. The sessions of a process take turns; a session has
 /// one frame served at a time, and its requests keep their order. What all frames of
 /// a kind share is given to one at a time ([`Resource`]).
 #[derive(Debug)]
-pub struct Inbox<R> {
+pub struct RequestQueue<R> {
     /// Oldest first.
     waiting: Vec<Waiting<R>>,
     serving: Vec<Serving>,
@@ -73,7 +73,7 @@ pub struct Inbox<R> {
     last_task: u64,
 }
 
-impl<R> Inbox<R> {
+impl<R> RequestQueue<R> {
     /// Room for all requests that `max_clients` may have under way: one client cannot fill it, and
     /// requests of others are received all the same.
     pub fn new(max_clients: usize, gpus: usize) -> Self {
@@ -263,9 +263,9 @@ mod tests {
     }
 
     /// The next request, served at once, for so long.
-    fn serve<R>(inbox: &mut Inbox<R>, now: Instant, used: Duration) -> Option<R> {
-        let (sender, _, request) = inbox.next(now, |_| true, |_, _| false)?;
-        inbox.note_served(sender, used);
+    fn serve<R>(queue: &mut RequestQueue<R>, now: Instant, used: Duration) -> Option<R> {
+        let (sender, _, request) = queue.next(now, |_| true, |_, _| false)?;
+        queue.note_served(sender, used);
         Some(request)
     }
 
@@ -273,7 +273,7 @@ mod tests {
     /// for the pool (`C` a core, `G` a GPU, `g` one that others may join), `>1a` has it given out next, `&1a` beside
     /// the last one, `>.` and `&.` none, and `-1` says that it was served.
     fn play(gpus: usize, script: &str) {
-        let (mut inbox, now) = (Inbox::new(4, gpus), Instant::now());
+        let (mut queue, now) = (RequestQueue::new(4, gpus), Instant::now());
         for word in script.split_whitespace() {
             let id = word[1..2].parse().unwrap_or(0);
             let (from, expected) = (sender(id, id.into()), (id > 0).then_some(&word[1..]));
@@ -285,13 +285,13 @@ mod tests {
                         "C" => Resource::Core,
                         _ => Resource::Gpu,
                     };
-                    inbox.put(from, resource, word, now);
+                    queue.put(from, resource, word, now);
                     continue;
                 }
-                ">" => inbox.next(now, |_| true, |_, _| false).map(|(from, _, r)| (from, r)),
-                "&" => inbox.next_beside(now, Resource::Gpu, |request| request.contains('g')),
+                ">" => queue.next(now, |_| true, |_, _| false).map(|(from, _, r)| (from, r)),
+                "&" => queue.next_beside(now, Resource::Gpu, |request| request.contains('g')),
                 _ => {
-                    inbox.note_served(from, US);
+                    queue.note_served(from, US);
                     continue;
                 }
             };
@@ -322,17 +322,17 @@ mod tests {
     #[test]
     fn a_process_with_many_ports_has_one_turn() {
         let now = Instant::now();
-        let mut inbox = Inbox::new(4, 1);
+        let mut queue = RequestQueue::new(4, 1);
         for port in 10..18 {
-            inbox.put(sender(1, port), Resource::Core, (1, port), now);
-            inbox.put(sender(1, port), Resource::Core, (1, port), now);
+            queue.put(sender(1, port), Resource::Core, (1, port), now);
+            queue.put(sender(1, port), Resource::Core, (1, port), now);
         }
         let mut order = Vec::new();
         for _ in 0..4 {
             // A process that asks again as soon as it is answered.
-            inbox.put(sender(2, 1), Resource::Core, (2, 1), now);
+            queue.put(sender(2, 1), Resource::Core, (2, 1), now);
             order.extend(
-                [serve(&mut inbox, now, US), serve(&mut inbox, now, US)].into_iter().flatten(),
+                [serve(&mut queue, now, US), serve(&mut queue, now, US)].into_iter().flatten(),
             );
         }
         let processes: Vec<u32> = order.iter().map(|(process, _)| *process).collect();
@@ -344,36 +344,36 @@ mod tests {
     #[test]
     fn newcomers_do_not_overtake_those_who_used_no_more() {
         let now = Instant::now();
-        let mut inbox = Inbox::new(8, 1);
-        inbox.put(sender(500, 1), Resource::Core, 500, now);
-        inbox.put(sender(500, 1), Resource::Core, 500, now);
-        assert_eq!(serve(&mut inbox, now, Duration::ZERO), Some(500));
+        let mut queue = RequestQueue::new(8, 1);
+        queue.put(sender(500, 1), Resource::Core, 500, now);
+        queue.put(sender(500, 1), Resource::Core, 500, now);
+        assert_eq!(serve(&mut queue, now, Duration::ZERO), Some(500));
         for process in [1, 900] {
-            inbox.put(sender(process, 2), Resource::Core, process, now);
+            queue.put(sender(process, 2), Resource::Core, process, now);
         }
-        let order = [(); 3].map(|()| serve(&mut inbox, now, US));
+        let order = [(); 3].map(|()| serve(&mut queue, now, US));
         assert_eq!(order, [Some(500), Some(1), Some(900)]);
     }
 
     #[test]
     fn time_away_is_not_saved_up() {
         let now = Instant::now();
-        let mut inbox = Inbox::new(4, 1);
+        let mut queue = RequestQueue::new(4, 1);
         let [busy, back] = [sender(1, 1), sender(2, 2)];
-        inbox.put(back, Resource::Core, back, now);
-        assert_eq!(serve(&mut inbox, now, US), Some(back));
+        queue.put(back, Resource::Core, back, now);
+        assert_eq!(serve(&mut queue, now, US), Some(back));
         for _ in 0..1000 {
-            inbox.put(busy, Resource::Core, busy, now);
-            serve(&mut inbox, now, 100 * US);
+            queue.put(busy, Resource::Core, busy, now);
+            serve(&mut queue, now, 100 * US);
         }
         // Both wait from now on: the one that was away gets no thousand turns first.
         let mut turns = 0;
-        inbox.put(busy, Resource::Core, busy, now);
+        queue.put(busy, Resource::Core, busy, now);
         for _ in 0..20 {
-            inbox.put(back, Resource::Core, back, now);
-            if serve(&mut inbox, now, 100 * US) == Some(busy) {
+            queue.put(back, Resource::Core, back, now);
+            if serve(&mut queue, now, 100 * US) == Some(busy) {
                 turns += 1;
-                inbox.put(busy, Resource::Core, busy, now);
+                queue.put(busy, Resource::Core, busy, now);
             }
         }
         assert!(turns >= 8, "{turns} of 20");
@@ -382,39 +382,39 @@ mod tests {
     #[test]
     fn memory_does_not_grow() {
         let now = Instant::now();
-        let mut inbox = Inbox::new(1, 1);
-        let room = (inbox.waiting.capacity(), inbox.accounts.capacity());
+        let mut queue = RequestQueue::new(1, 1);
+        let room = (queue.waiting.capacity(), queue.accounts.capacity());
         for process in 0..10_000 {
-            inbox.put(sender(process, u128::from(process)), Resource::Core, process, now);
-            assert_eq!(serve(&mut inbox, now, 1000 * US), Some(process));
+            queue.put(sender(process, u128::from(process)), Resource::Core, process, now);
+            assert_eq!(serve(&mut queue, now, 1000 * US), Some(process));
         }
-        assert_eq!((inbox.waiting.capacity(), inbox.accounts.capacity()), room);
+        assert_eq!((queue.waiting.capacity(), queue.accounts.capacity()), room);
     }
 
     #[test]
     fn a_request_that_waits_is_served_however_many_come_after_it() {
         let (start, ms) = (Instant::now(), Duration::from_millis(1));
-        let mut inbox = Inbox::new(64, 1);
+        let mut queue = RequestQueue::new(64, 1);
         let large = sender(1, 1);
-        inbox.put(large, Resource::Pool, large, start);
-        assert!(inbox.next(start, |_| true, |_, _| false).is_some());
-        inbox.note_served(large, 2000 * ms);
-        inbox.put(large, Resource::Pool, large, start);
+        queue.put(large, Resource::Pool, large, start);
+        assert!(queue.next(start, |_| true, |_, _| false).is_some());
+        queue.note_served(large, 2000 * ms);
+        queue.put(large, Resource::Pool, large, start);
         // Forty others have a request each that waits, at any time, and take little.
         let mut now = start;
         for process in 2..42 {
-            inbox.put(sender(process, 2), Resource::Core, sender(process, 2), now);
+            queue.put(sender(process, 2), Resource::Core, sender(process, 2), now);
         }
         let mut turns = 0;
         loop {
             now += ms;
-            let (served, ..) = inbox.next(now, |_| true, |_, _| false).expect("all wait");
-            inbox.note_served(served, ms);
+            let (served, ..) = queue.next(now, |_| true, |_, _| false).expect("all wait");
+            queue.note_served(served, ms);
             if served == large {
                 break;
             }
             turns += 1;
-            inbox.put(served, Resource::Core, served, now);
+            queue.put(served, Resource::Core, served, now);
         }
         // Until each of them had used as much it were 80 s.
         let waited = now - start;
@@ -423,21 +423,22 @@ mod tests {
 
     /// While no time passes, all have the same; as it passes, the largest gets a little more, for it waits longest.
     #[test]
-    fn processes_that_always_wait_get_about_equal_time_whatever_their_frames_take() {
+    fn processes_that_always_wait_get_about_equal_time_however_long_their_frames() {
         let (start, costs) = (Instant::now(), [100 * US, 10 * US, US]);
         for passes in [false, true] {
-            let (mut inbox, mut now, mut used) = (Inbox::new(4, 1), start, [Duration::ZERO; 3]);
+            let (mut queue, mut now, mut used) =
+                (RequestQueue::new(4, 1), start, [Duration::ZERO; 3]);
             for process in 0..3 {
-                inbox.put(sender(process, u128::from(process)), Resource::Core, process, now);
+                queue.put(sender(process, u128::from(process)), Resource::Core, process, now);
             }
             for _ in 0..10_000 {
-                let next = inbox.next(now, |_| true, |_, _| false);
+                let next = queue.next(now, |_| true, |_, _| false);
                 let (from, _, process) = next.expect("all wait");
                 let cost = costs[process as usize];
                 now += cost * u32::from(passes);
-                inbox.note_served(from, cost);
+                queue.note_served(from, cost);
                 used[process as usize] += cost;
-                inbox.put(from, Resource::Core, process, now);
+                queue.put(from, Resource::Core, process, now);
             }
             let share = used[0].as_secs_f64() / used.iter().sum::<Duration>().as_secs_f64();
             assert!((0.3..0.42).contains(&share), "{share}");
@@ -449,11 +450,11 @@ mod tests {
     #[test]
     fn what_may_not_be_served_now_waits_and_lets_others_pass() {
         let now = Instant::now();
-        let mut inbox = Inbox::new(4, 1);
+        let mut queue = RequestQueue::new(4, 1);
         let [a, b] = [1, 2].map(|id| sender(id, u128::from(id)));
-        inbox.put(a, Resource::Core, "long", now);
-        inbox.put(b, Resource::Core, "short", now);
-        let mut next = |may: &dyn Fn(&&str) -> bool| inbox.next(now, may, |_, _| false);
+        queue.put(a, Resource::Core, "long", now);
+        queue.put(b, Resource::Core, "short", now);
+        let mut next = |may: &dyn Fn(&&str) -> bool| queue.next(now, may, |_, _| false);
         let core = Resource::Core;
         assert_eq!(next(&|request| *request == "short"), Some((b, core, "short")));
         assert_eq!(next(&|request| *request == "short"), None);
@@ -463,28 +464,28 @@ mod tests {
     #[test]
     fn a_request_that_has_waited_for_the_pool_too_long_has_a_core() {
         let (start, ms) = (Instant::now(), Duration::from_millis(1));
-        let mut inbox = Inbox::new(4, 1);
+        let mut queue = RequestQueue::new(4, 1);
         let [a, b, c] = [1, 2, 3].map(|id| sender(id, u128::from(id)));
         for (sender, resource, work) in
             [(a, Resource::Pool, 5000), (b, Resource::Pool, 7), (c, Resource::Gpu, 7)]
         {
-            inbox.put(sender, resource, work * ms, start);
+            queue.put(sender, resource, work * ms, start);
         }
         let mut next_at = |later: u32| {
-            let next = inbox.next(start + later * ms, |_| true, |work, waited| waited > *work);
+            let next = queue.next(start + later * ms, |_| true, |work, waited| waited > *work);
             next.map(|(sender, resource, _)| (sender, resource))
         };
         assert_eq!(next_at(0), Some((a, Resource::Pool)));
         assert_eq!(next_at(0), Some((c, Resource::Gpu)));
         assert_eq!(next_at(7), None);
         assert_eq!(next_at(8), Some((b, Resource::Core)));
-        inbox.put(c, Resource::Gpu, ms, start);
-        inbox.note_served(b, ms);
-        inbox.put(b, Resource::Pool, 7 * ms, start + 20 * ms);
-        let next = inbox.next(start + 21 * ms, |_| true, |_, _| false);
+        queue.put(c, Resource::Gpu, ms, start);
+        queue.note_served(b, ms);
+        queue.put(b, Resource::Pool, 7 * ms, start + 20 * ms);
+        let next = queue.next(start + 21 * ms, |_| true, |_, _| false);
         assert_eq!(next, None, "the first one still has the pool, and the GPU is waited for");
-        inbox.note_served(a, ms);
-        let next = inbox.next(start + 21 * ms, |_| true, |_, _| false);
+        queue.note_served(a, ms);
+        let next = queue.next(start + 21 * ms, |_| true, |_, _| false);
         assert_eq!(next, Some((b, Resource::Pool, 7 * ms)));
     }
 }

@@ -1,5 +1,5 @@
-//! A scene that persists, edited towards the boxes of cases: its answers are taken, dropped or left unread by
-//! chance, and what a client knows from them has to be the oracle's pairs, each change told once.
+//! A persistent scene, edited towards the boxes of cases: its answers are taken, dropped or left unread by
+//! chance, and what a client knows from them has to be the oracle's pairs, each change reported once.
 //!
 //! Here are hard boxes, floating-point flags, and edits between the frames of many clients; all verbs, filters, members
 //! and ways to name boxes are held to a model by the test `scene_model`.
@@ -20,19 +20,19 @@ const MANY_BOXES: usize = 2_000;
 const MANY_ONE_IN: u64 = 8;
 
 #[derive(Clone, Debug, Default)]
-pub(super) struct Heard {
+pub(super) struct Received {
     pub(super) begun: Vec<[u32; 2]>,
     pub(super) ended: Vec<[u32; 2]>,
     pub(super) pairs: Vec<[u32; 2]>,
     pub(super) is_resync: bool,
 }
 
-pub(super) struct KeptScene {
+pub(super) struct SceneClient {
     boxes: Vec<Option<Aabb>>,
     known: BTreeSet<Pair>,
 }
 
-impl KeptScene {
+impl SceneClient {
     pub(super) fn new(random: &mut Random) -> Self {
         let most = if random.below(MANY_ONE_IN) == 0 { MANY_BOXES } else { FEW_BOXES };
         Self { boxes: vec![None; most], known: BTreeSet::new() }
@@ -48,7 +48,7 @@ impl KeptScene {
         &mut self,
         case: &Case,
         random: &mut Random,
-        ask: impl FnOnce(&[Step<'_>], Report, bool) -> Result<Option<Heard>, E>,
+        ask: impl FnOnce(&[Step<'_>], Report, bool) -> Result<Option<Received>, E>,
     ) -> Result<Result<bool, Finding>, E> {
         let (mut removed, mut set, mut boxes) = (Vec::new(), Vec::new(), Vec::new());
         let n = case.boxes.len();
@@ -76,23 +76,23 @@ impl KeptScene {
         let is_read = random.below(8) > 2;
         let sets = Sets { indices: (&set).into(), boxes: &boxes };
         let steps = [Step::Remove((&removed).into()), Step::Set(sets)];
-        let Some(heard) = ask(&steps, report, is_read)? else { return Ok(Ok(false)) };
-        Ok(self.check(&heard, report).map(|()| true))
+        let Some(received) = ask(&steps, report, is_read)? else { return Ok(Ok(false)) };
+        Ok(self.check(&received, report).map(|()| true))
     }
 
     /// Compares what a client knows from an answer with the pairs of now.
-    fn check(&mut self, heard: &Heard, report: Report) -> Result<(), Finding> {
+    fn check(&mut self, received: &Received, report: Report) -> Result<(), Finding> {
         let mut known = match report {
-            Report::Changes if !heard.is_resync => self.known.clone(),
+            Report::Changes if !received.is_resync => self.known.clone(),
             _ => BTreeSet::new(),
         };
-        for [a, b] in &heard.ended {
+        for [a, b] in &received.ended {
             if !known.remove(&[*a, *b]) {
                 let what = format!("pair ({a}, {b}) ended and was not known");
                 return Err(Finding::extra(what, 1, [*a, *b]));
             }
         }
-        for [a, b] in heard.begun.iter().chain(&heard.pairs) {
+        for [a, b] in received.begun.iter().chain(&received.pairs) {
             if !known.insert([*a, *b]) {
                 let what = format!("pair ({a}, {b}) began and was known");
                 return Err(Finding::extra(what, 1, [*a, *b]));
@@ -112,34 +112,34 @@ mod tests {
 
     #[test]
     fn what_is_reported_twice_or_never_is_noticed() {
-        let mut scene = KeptScene::new(&mut Random::new(1));
+        let mut scene = SceneClient::new(&mut Random::new(1));
         for (slot, x) in scene.boxes.iter_mut().zip([0.0, 0.9, 1.8, 9.0]) {
             *slot = Some(Aabb::from([x, 0.0, 0.0, x + 1.0, 1.0, 1.0]));
         }
         scene.known = BTreeSet::from([[0, 1], [0, 3]]);
-        let right = Heard { begun: vec![[1, 2]], ended: vec![[0, 3]], ..Heard::default() };
+        let right = Received { begun: vec![[1, 2]], ended: vec![[0, 3]], ..Received::default() };
         let known = scene.known.clone();
-        let mut check = |heard: &Heard, report| {
+        let mut check = |received: &Received, report| {
             scene.known.clone_from(&known);
-            scene.check(heard, report)
+            scene.check(received, report)
         };
         assert_eq!(check(&right, Report::Changes), Ok(()));
-        let spoils: [fn(&mut Heard); 6] = [
-            |heard| heard.begun.clear(),
-            |heard| heard.begun.push([0, 1]),
-            |heard| heard.begun.push([2, 3]),
-            |heard| heard.ended.clear(),
-            |heard| heard.ended.push([2, 3]),
-            |heard| heard.is_resync = true,
+        let spoils: [fn(&mut Received); 6] = [
+            |received| received.begun.clear(),
+            |received| received.begun.push([0, 1]),
+            |received| received.begun.push([2, 3]),
+            |received| received.ended.clear(),
+            |received| received.ended.push([2, 3]),
+            |received| received.is_resync = true,
         ];
         for (number, spoil) in spoils.into_iter().enumerate() {
-            let mut heard = right.clone();
-            spoil(&mut heard);
-            assert!(check(&heard, Report::Changes).is_err(), "{number}");
+            let mut received = right.clone();
+            spoil(&mut received);
+            assert!(check(&received, Report::Changes).is_err(), "{number}");
         }
-        let all = Heard { pairs: vec![[0, 1], [1, 2]], is_resync: true, ..Heard::default() };
+        let all = Received { pairs: vec![[0, 1], [1, 2]], is_resync: true, ..Received::default() };
         assert_eq!((check(&all, Report::All), check(&all, Report::Changes)), (Ok(()), Ok(())));
-        assert!(check(&Heard::default(), Report::All).is_err());
+        assert!(check(&Received::default(), Report::All).is_err());
         scene.boxes[0] = None;
         assert!(scene.check(&all, Report::All).is_err());
     }

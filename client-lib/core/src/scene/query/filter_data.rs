@@ -2,31 +2,31 @@
 
 use crate::aabb::Aabb;
 use crate::engine::CullError;
-use crate::filters::Tag;
+use crate::filters::FilterData;
 use crate::scene::query::BeyondMask;
 use crate::scene::rules::FilterHistory;
 
-/// The tags of queries: their worlds, owners and filters.
+/// The filter data of queries: their worlds, owners and filters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum QueryTags<'a> {
+pub enum QueryFilterData<'a> {
     /// None: a query meets every box.
     #[default]
     None,
     /// One for all queries.
-    One(Tag),
+    One(FilterData),
     /// One for each query.
-    Each(&'a [Tag]),
+    Each(&'a [FilterData]),
 }
 
-impl From<Tag> for QueryTags<'_> {
-    fn from(tag: Tag) -> Self {
-        Self::One(tag)
+impl From<FilterData> for QueryFilterData<'_> {
+    fn from(filter_data: FilterData) -> Self {
+        Self::One(filter_data)
     }
 }
 
-impl<'a> From<&'a [Tag]> for QueryTags<'a> {
-    fn from(tags: &'a [Tag]) -> Self {
-        Self::Each(tags)
+impl<'a> From<&'a [FilterData]> for QueryFilterData<'a> {
+    fn from(filter_data: &'a [FilterData]) -> Self {
+        Self::Each(filter_data)
     }
 }
 
@@ -34,13 +34,15 @@ impl<'a> From<&'a [Tag]> for QueryTags<'a> {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum QueryError {
-    /// Not as many tags as queries.
-    #[error("{tags} tags for {queries} queries: give one for each, or one for all")]
-    Tags {
+    /// Not as much filter data as queries.
+    #[error(
+        "filter data of {filter_data} queries for {queries} queries: give it for each, or once for all"
+    )]
+    FilterData {
         /// Queries.
         queries: usize,
-        /// Their tags.
-        tags: usize,
+        /// Their filter data.
+        filter_data: usize,
     },
     /// The boxes cannot be found, or there is no room for them.
     #[error(transparent)]
@@ -53,26 +55,29 @@ impl From<BeyondMask> for QueryError {
     }
 }
 
-impl QueryTags<'_> {
+impl QueryFilterData<'_> {
     /// Checks that there is one for each query, if each has one.
     ///
     /// # Errors
-    /// [`QueryError::Tags`].
+    /// [`QueryError::FilterData`].
     pub const fn check(&self, queries: &[Aabb]) -> Result<(), QueryError> {
         match self {
-            Self::Each(tags) if tags.len() != queries.len() => {
-                Err(QueryError::Tags { queries: queries.len(), tags: tags.len() })
+            Self::Each(filter_data) if filter_data.len() != queries.len() => {
+                Err(QueryError::FilterData {
+                    queries: queries.len(),
+                    filter_data: filter_data.len(),
+                })
             }
             _ => Ok(()),
         }
     }
 
-    /// The tag of a query; `None` where it meets every box.
-    pub fn of(&self, query: u32) -> Option<Tag> {
+    /// The filter data of a query; `None` where it meets every box.
+    pub fn of(&self, query: u32) -> Option<FilterData> {
         match self {
             Self::None => None,
-            Self::One(tag) => Some(*tag),
-            Self::Each(tags) => tags.get(query as usize).copied(),
+            Self::One(filter_data) => Some(*filter_data),
+            Self::Each(filter_data) => filter_data.get(query as usize).copied(),
         }
     }
 
@@ -88,8 +93,9 @@ impl QueryTags<'_> {
             return;
         }
         found.retain(|[query, index]| {
-            let of_box = || filters.tag(*index, is_still(*index));
-            self.of(*query).is_none_or(|tag| filters.rules().tags_meet(&tag, &of_box()))
+            let of_box = || filters.filter_data(*index, is_still(*index));
+            self.of(*query)
+                .is_none_or(|filter_data| filters.rules().may_meet(&filter_data, &of_box()))
         });
     }
 }

@@ -2,18 +2,18 @@
 
 use pairmask_core::units::BoxCount;
 
-use super::items::{FILTER_WORDS, NAMED_PER_BOX, PAIR_WORDS, TAG_WORDS};
+use super::entries::{FILTER_DATA_WORDS, FILTER_WORDS, NAMED_PER_BOX, PAIR_WORDS};
 use crate::reject::Reject;
 use crate::section::{SECTION_COUNT, Section, SectionKind, find, has};
 
-pub(super) const TAG_BYTES: u64 = 4 * TAG_WORDS as u64;
+pub(super) const FILTER_DATA_BYTES: u64 = 4 * FILTER_DATA_WORDS as u64;
 pub(super) const FILTER_BYTES: u64 = 4 * FILTER_WORDS as u64;
 pub(super) const PAIR_BYTES: u64 = 4 * PAIR_WORDS as u64;
 
-/// The parts of rules: tags of the first boxes (those beyond have the default tag), filters, and both lists of pairs. The
+/// The parts of rules: filter data of the first boxes (those beyond have the default), filters, and both lists of pairs. The
 /// kind of their sections, the bytes of an item, and their names.
 pub(crate) const PARTS: [(SectionKind, u64, &str); 4] = [
-    (SectionKind::RuleTags, TAG_BYTES, "tags"),
+    (SectionKind::RuleFilterData, FILTER_DATA_BYTES, "filter data"),
     (SectionKind::RuleFilters, FILTER_BYTES, "filters"),
     (SectionKind::IncludedPairs, PAIR_BYTES, "include list"),
     (SectionKind::ExcludedPairs, PAIR_BYTES, "exclude list"),
@@ -32,9 +32,9 @@ pub(super) const fn most_pairs(n: BoxCount) -> u64 {
 /// Where the rules of a frame lie in its payload: sections of their parts that are unused where there is nothing to
 /// say.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct RulesPlace(pub(super) [Section; 4]);
+pub struct RulesSections(pub(super) [Section; 4]);
 
-impl RulesPlace {
+impl RulesSections {
     pub(crate) fn sections(&self) -> impl Iterator<Item = Section> {
         self.0.into_iter().filter(Section::is_used)
     }
@@ -45,20 +45,20 @@ impl RulesPlace {
         n: BoxCount,
         payload_bytes: u64,
     ) -> Result<Option<Self>, Reject> {
-        let (pairs, mut place) = (most_pairs(n), Self::default());
+        let (pairs, mut slot) = (most_pairs(n), Self::default());
         let most = [u64::from(n.get()), MOST_FILTERS, pairs, pairs];
-        for (((kind, item_bytes, name), most), to) in PARTS.into_iter().zip(most).zip(&mut place.0)
+        for (((kind, entry_bytes, name), most), to) in PARTS.into_iter().zip(most).zip(&mut slot.0)
         {
             if has(sections, kind) {
-                let only = find(sections, kind, item_bytes, payload_bytes);
-                let only = only.filter(|only| only.bytes / item_bytes <= most);
+                let only = find(sections, kind, entry_bytes, payload_bytes);
+                let only = only.filter(|only| only.bytes / entry_bytes <= most);
                 *to = only.ok_or(Reject::Rules(name))?;
             }
         }
-        let [_, _, included, excluded] = place.0;
+        let [_, _, included, excluded] = slot.0;
         if included.bytes + excluded.bytes > PAIR_BYTES * pairs {
             return Err(Reject::Rules("number of pairs"));
         }
-        Ok((place != Self::default()).then_some(place))
+        Ok((slot != Self::default()).then_some(slot))
     }
 }

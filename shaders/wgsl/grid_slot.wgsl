@@ -1,4 +1,4 @@
-// grid_place: each box to its position: by cell, and within a cell by index.
+// grid_slot: each box to its position: by cell, and within a cell by index.
 //
 // Its place in the cell is the number of smaller indices there, so positions do not depend on the
 // order in which threads counted. A cell's boxes are compared with each other all the same, so

@@ -37,7 +37,7 @@ pub struct FilterId(pub u16);
 /// what a box has that was given none.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Pod, Zeroable)]
 #[repr(C)]
-pub struct Tag {
+pub struct FilterData {
     /// Its world.
     pub world: World,
     /// Its owner.
@@ -47,11 +47,11 @@ pub struct Tag {
     flags: u16,
 }
 
-/// Flag of a tag: the box itself is static, whatever its filter.
+/// Flag of filter data: the box itself is static, regardless of its filter.
 const STATIC: u16 = 1;
 
-impl Tag {
-    /// The tag of a world, an owner and a filter.
+impl FilterData {
+    /// The filter data of a world, an owner and a filter.
     pub const fn new(world: World, owner: Owner, filter: FilterId) -> Self {
         Self { world, owner, filter, flags: 0 }
     }
@@ -74,8 +74,8 @@ impl Tag {
         Self { filter, ..self }
     }
 
-    /// The same for a box that is static, or is not, whatever its filter says. In a scene an edit's steps say
-    /// which boxes are static, and not their tags.
+    /// The same for a box that is static, or is not, regardless of what its filter says. In a scene an edit's steps say
+    /// which boxes are static, and not their filter data.
     #[must_use]
     pub const fn with_static(self, is_static: bool) -> Self {
         Self { flags: if is_static { STATIC } else { 0 }, ..self }

@@ -12,7 +12,8 @@ use pairmask_core::dispatch::{CpuEngines, nanoseconds_since};
 use pairmask_core::engine::CullError;
 use pairmask_core::plan::GpuCost;
 use pairmask_core::scene::{
-    Edit, FilterHistory, QueryError, QueryTags, Report, Reported, Scene, SceneError, SceneOptions,
+    Edit, FilterHistory, QueryError, QueryFilterData, Report, Reported, Scene, SceneError,
+    SceneOptions,
 };
 use pairmask_core::{Aabb, EngineChoice, EngineName};
 
@@ -30,8 +31,8 @@ const MOVE_NS_A_BOX: f64 = 100.0;
 /// Time to move any scene, ns: memory is taken.
 const MOVE_NS: f64 = 1e6;
 
-pub struct SceneKeeper {
-    place: Place,
+pub struct SceneHost {
+    side: Side,
     options: SceneOptions,
     gpus: SceneGpus,
     engine: EngineChoice,
@@ -44,16 +45,16 @@ pub struct SceneKeeper {
 }
 
 #[allow(clippy::large_enum_variant)] // One of each scene.
-enum Place {
+enum Side {
     Cores(Scene),
     Gpu(GpuScene),
 }
 
-macro_rules! at_place {
-    ($place:expr, $scene:ident => $what:expr) => {
-        match $place {
-            Place::Cores($scene) => $what,
-            Place::Gpu($scene) => $what,
+macro_rules! on_side {
+    ($side:expr, $scene:ident => $what:expr) => {
+        match $side {
+            Side::Cores($scene) => $what,
+            Side::Gpu($scene) => $what,
         }
     };
 }
@@ -64,24 +65,24 @@ fn gpu_ns(cost: &GpuCost, boxes: usize, searched: usize) -> Option<f64> {
     Some(cost.fixed_ns + cost.grid_fixed_ns + cost.grid_ns_a_box? * grid_boxes)
 }
 
-impl SceneKeeper {
+impl SceneHost {
     pub fn new(
         options: SceneOptions,
         engines: CpuEngines,
         mut gpus: SceneGpus,
         engine: EngineChoice,
     ) -> Result<Self, CullError> {
-        let place = match engine {
+        let side = match engine {
             EngineChoice::Only(engine) if engine.is_gpu() => {
                 let unavailable = CullError::Unavailable { engine, why: "there is no GPU" };
                 gpus.check_opened(engine)?;
                 let home = gpus.home().ok_or(unavailable)?;
-                Place::Gpu(GpuScene::new(&home, options.with_threads(1)))
+                Side::Gpu(GpuScene::new(&home, options.with_threads(1)))
             }
-            _ => Place::Cores(Scene::with_engines(options, engines)),
+            _ => Side::Cores(Scene::with_engines(options, engines)),
         };
         Ok(Self {
-            place,
+            side,
             options,
             gpus,
             engine,
@@ -92,9 +93,9 @@ impl SceneKeeper {
         })
     }
 
-    /// Boxes, those that are switched off too.
+    /// Boxes, those that are disabled too.
     pub const fn len(&self) -> usize {
-        at_place!(&self.place, scene => scene.len())
+        on_side!(&self.side, scene => scene.len())
     }
 
     pub const fn is_empty(&self) -> bool {
@@ -103,30 +104,30 @@ impl SceneKeeper {
 
     /// Indices with a box are below this.
     pub fn index_end(&self) -> u32 {
-        at_place!(&self.place, scene => scene.index_end())
+        on_side!(&self.side, scene => scene.index_end())
     }
 
     pub const fn engine(&self) -> EngineName {
-        match &self.place {
-            Place::Cores(_) => EngineName::CpuGrid,
-            Place::Gpu(_) => EngineName::GpuGrid,
+        match &self.side {
+            Side::Cores(_) => EngineName::CpuGrid,
+            Side::Gpu(_) => EngineName::GpuGrid,
         }
     }
 
     /// GPUs that have it: none where the cores do.
     pub const fn gpu_count(&self) -> usize {
-        match &self.place {
-            Place::Cores(_) => 0,
-            Place::Gpu(scene) => scene.gpu_count(),
+        match &self.side {
+            Side::Cores(_) => 0,
+            Side::Gpu(scene) => scene.gpu_count(),
         }
     }
 
     /// Most GPUs that may have it after an edit of so many boxes, if there is room on them; one at the least.
     pub fn most_copies(&self, boxes: usize) -> usize {
-        match &self.place {
-            Place::Cores(_) => self.gpus.most_for(self.len().max(boxes)),
-            Place::Gpu(scene) if scene.is_new() => self.gpus.most_for(boxes).max(scene.gpu_count()),
-            Place::Gpu(scene) => scene.gpu_count(),
+        match &self.side {
+            Side::Cores(_) => self.gpus.most_for(self.len().max(boxes)),
+            Side::Gpu(scene) if scene.is_new() => self.gpus.most_for(boxes).max(scene.gpu_count()),
+            Side::Gpu(scene) => scene.gpu_count(),
         }
     }
 
@@ -136,28 +137,28 @@ impl SceneKeeper {
     }
 
     pub fn bytes(&self) -> u64 {
-        match &self.place {
-            Place::Cores(scene) => scene.allocated_bytes() as u64,
-            Place::Gpu(scene) => scene.allocated_bytes() as u64 + scene.video_bytes(),
+        match &self.side {
+            Side::Cores(scene) => scene.allocated_bytes() as u64,
+            Side::Gpu(scene) => scene.allocated_bytes() as u64 + scene.video_bytes(),
         }
     }
 
     pub fn set_threads(&mut self, threads: usize) {
         self.threads = threads;
-        at_place!(&mut self.place, scene => scene.set_threads(Some(threads)));
+        on_side!(&mut self.side, scene => scene.set_threads(Some(threads)));
     }
 
     /// Most pairs that later edits may find where they look for all. In video memory a list is as long as the device
     /// can make one.
     pub fn limit_pairs(&mut self, most: u64) {
-        if let Place::Cores(scene) = &mut self.place {
+        if let Side::Cores(scene) = &mut self.side {
             scene.limit_pairs(most);
         }
     }
 
     pub fn limit_query_pairs(&mut self, most: u64) {
         self.most_query_pairs = most;
-        at_place!(&mut self.place, scene => scene.limit_query_pairs(most));
+        on_side!(&mut self.side, scene => scene.limit_query_pairs(most));
     }
 
     /// Notes an edit that the cores have made, or a query, of so many boxes.
@@ -178,8 +179,8 @@ impl SceneKeeper {
         if self.would_have_saved_ns <= move_ns {
             return;
         }
-        let Place::Cores(scene) = &self.place else { return };
-        let Some(kept) = scene.kept() else { return };
+        let Side::Cores(scene) = &self.side else { return };
+        let Some(snapshot) = scene.snapshot() else { return };
         self.would_have_saved_ns = 0.0;
         let Some(home) = self.gpus.home() else { return };
         let mut tools = vec![home];
@@ -187,10 +188,10 @@ impl SceneKeeper {
         tools.truncate(self.most_gpus);
         let _turns =
             self.gpus.turns(|gpu| tools.iter().any(|t| std::ptr::eq(Arc::as_ptr(t.gpu()), gpu)));
-        match GpuScene::from_kept(&tools, self.options.with_threads(self.threads), &kept) {
+        match GpuScene::from_snapshot(&tools, self.options.with_threads(self.threads), &snapshot) {
             Ok(mut moved) => {
                 moved.limit_query_pairs(self.most_query_pairs);
-                self.place = Place::Gpu(moved);
+                self.side = Side::Gpu(moved);
             }
             // The cores have it, and are asked again when as much time was lost.
             Err(error) => log::info!("a scene stays with the cores: {error}"),
@@ -198,20 +199,20 @@ impl SceneKeeper {
     }
 
     pub const fn filters(&self) -> &FilterHistory {
-        at_place!(&self.place, scene => scene.filters())
+        on_side!(&self.side, scene => scene.filters())
     }
 
     /// As [`Scene::edit`]. After [`SceneError::Cull`] the scene is to be dropped.
     pub fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<(), SceneError> {
         self.move_if_due();
         let most_gpus = self.most_gpus;
-        match &mut self.place {
-            Place::Cores(scene) => {
+        match &mut self.side {
+            Side::Cores(scene) => {
                 let start = Instant::now();
                 scene.edit(edit, report)?;
                 self.note_cores(edit.boxes(), nanoseconds_since(start) as f64);
             }
-            Place::Gpu(scene) => {
+            Side::Gpu(scene) => {
                 if scene.is_new() {
                     scene.share(&self.gpus.others(edit.boxes()));
                 }
@@ -225,35 +226,35 @@ impl SceneKeeper {
     }
 
     pub const fn reported(&self) -> &Reported {
-        at_place!(&self.place, scene => scene.reported())
+        on_side!(&self.side, scene => scene.reported())
     }
 
     pub fn acknowledge(&mut self) {
-        at_place!(&mut self.place, scene => scene.acknowledge());
+        on_side!(&mut self.side, scene => scene.acknowledge());
     }
 
     pub fn resync(&mut self) {
-        at_place!(&mut self.place, scene => scene.resync());
+        on_side!(&mut self.side, scene => scene.resync());
     }
 
     pub fn query(
         &mut self,
         queries: &[Aabb],
-        tags: QueryTags<'_>,
+        filter_data: QueryFilterData<'_>,
         found: &mut Vec<[u32; 2]>,
     ) -> Result<u64, QueryError> {
         self.move_if_due();
-        match &mut self.place {
-            Place::Cores(scene) => {
+        match &mut self.side {
+            Side::Cores(scene) => {
                 let start = Instant::now();
-                let tested = scene.query(queries, tags, found)?;
+                let tested = scene.query(queries, filter_data, found)?;
                 self.note_cores(queries.len(), nanoseconds_since(start) as f64);
                 Ok(tested)
             }
-            Place::Gpu(scene) => {
+            Side::Gpu(scene) => {
                 // One session uses a GPU at a time.
                 let _turns = self.gpus.turns(|gpu| scene.is_on(gpu));
-                scene.query(queries, tags, found)
+                scene.query(queries, filter_data, found)
             }
         }
     }
@@ -272,7 +273,7 @@ mod tests {
             grid_fixed_ns: 10_000.0,
             grid_ns_a_box: Some(0.8),
             ns_a_reply_byte: 0.0,
-            ns_a_visited_byte: 0.0,
+            ns_a_read_byte: 0.0,
         };
         let ns = |boxes, changed| gpu_ns(&cost, boxes, changed).expect("a grid");
         assert!((ns(0, 0) - 50_000.0).abs() < 1.0);
@@ -286,9 +287,9 @@ mod tests {
         let no_gpu = SceneGpus::none();
         let options = SceneOptions::default();
         let only = EngineChoice::Only(EngineName::GpuGrid);
-        let refused = SceneKeeper::new(options, CpuEngines::new(), no_gpu.clone(), only);
+        let refused = SceneHost::new(options, CpuEngines::new(), no_gpu.clone(), only);
         assert!(matches!(refused, Err(CullError::Unavailable { .. })));
-        let auto = SceneKeeper::new(options, CpuEngines::new(), no_gpu, EngineChoice::Auto);
+        let auto = SceneHost::new(options, CpuEngines::new(), no_gpu, EngineChoice::Auto);
         let mut scene = auto.expect("cores");
         scene.would_have_saved_ns = 1e12;
         scene.edit(Edit::NONE, Report::All).expect("an answer");

@@ -2,13 +2,13 @@
 
 use std::time::{Duration, Instant};
 
-use pairmask_core::rhythm::{Rhythm, Wake};
+use pairmask_core::pacing::{Pacing, Wake};
 use pairmask_transport::Sender;
 
 use super::workers::Workers;
 use crate::clients::{FrameWork, GpuNeed};
 use crate::execute::BUNDLE_FRAMES;
-use crate::ingest::{Inbox, Incoming, Resource};
+use crate::ingest::{Incoming, RequestQueue, Resource};
 
 /// A thread that is expected to take longer than this for a frame has another one listen meanwhile. To wake
 /// one takes 5 µs; requests that come during a shorter frame wait for its end.
@@ -43,9 +43,9 @@ pub(super) struct Task {
 /// Requests that wait, and who is awake. Every call is short.
 #[derive(Debug)]
 pub(super) struct Scheduler {
-    pub(super) inbox: Inbox<Arrived>,
+    pub(super) queue: RequestQueue<Arrived>,
     pub(super) workers: Workers,
-    patience: Patience<u128>,
+    spin_policy: SpinPolicy<u128>,
     pub(super) sleep_at: Instant,
     pool_threads: usize,
     pub(super) tasks: u64,
@@ -53,15 +53,15 @@ pub(super) struct Scheduler {
 
 impl Scheduler {
     pub(super) fn new(
-        inbox: Inbox<Arrived>,
+        queue: RequestQueue<Arrived>,
         workers: Workers,
         spin: Duration,
         pool_threads: usize,
     ) -> Self {
         Self {
-            inbox,
+            queue,
             workers,
-            patience: Patience::new(spin),
+            spin_policy: SpinPolicy::new(spin),
             sleep_at: Instant::now(),
             pool_threads,
             tasks: 0,
@@ -72,7 +72,7 @@ impl Scheduler {
     pub(super) fn is_awaiting(&self, now: Instant) -> bool {
         self.workers
             .sessions_within(Duration::ZERO, now)
-            .any(|session| !self.inbox.is_served(session))
+            .any(|session| !self.queue.is_served(session))
     }
 
     pub(super) fn put(&mut self, arrived: Arrived, now: Instant) {
@@ -81,7 +81,7 @@ impl Scheduler {
         if resource == Resource::Core {
             self.workers.note_active(sender.session, now);
         }
-        self.inbox.put(sender, resource, arrived, now);
+        self.queue.put(sender, resource, arrived, now);
     }
 
     /// The request whose turn it is, and how a thread is to serve it, which begins now. The last one that is not away
@@ -92,10 +92,10 @@ impl Scheduler {
         // Another client's frame may take seconds: to wait longer than it would take on a core is no gain.
         let too_long = |arrived: &Arrived, waited| waited > arrived.expected.work;
         let (_, resource, Arrived { incoming, expected }) =
-            self.inbox.next(now, may_be_served, too_long)?;
+            self.queue.next(now, may_be_served, too_long)?;
         let (work, asked) = (expected.work, resource_for(&expected));
         let session = incoming.sender.session;
-        self.patience.note_request(session, now);
+        self.spin_policy.note_request(session, now);
         let others_within = |time| {
             self.workers.sessions_within(time, now).filter(|other| *other != session).count()
         };
@@ -104,11 +104,11 @@ impl Scheduler {
         let has_turns = asked != Resource::Core;
         let others = match resource {
             Resource::Core => {
-                others_within(Duration::ZERO).max(self.inbox.serving().saturating_sub(1))
+                others_within(Duration::ZERO).max(self.queue.serving().saturating_sub(1))
             }
-            // Whoever came within as long as the frame takes may come again meanwhile.
+            // A client that came within as long as the frame takes may come again meanwhile.
             Resource::Pool => others_within(work),
-            Resource::Gpu => others_within(Duration::ZERO).max(self.inbox.waiting()),
+            Resource::Gpu => others_within(Duration::ZERO).max(self.queue.waiting()),
         };
         let threads =
             if resource == asked { threads_for(work, others, self.pool_threads) } else { 1 };
@@ -119,9 +119,9 @@ impl Scheduler {
         if expected.gpu == GpuNeed::Shared {
             let can_join = |other: &Arrived| other.expected.gpu == GpuNeed::Shared;
             while beside.len() + 1 < BUNDLE_FRAMES
-                && let Some((sender, other)) = self.inbox.next_beside(now, resource, can_join)
+                && let Some((sender, other)) = self.queue.next_beside(now, resource, can_join)
             {
-                self.patience.note_request(sender.session, now);
+                self.spin_policy.note_request(sender.session, now);
                 beside.push(other.incoming);
             }
         }
@@ -144,12 +144,12 @@ impl Scheduler {
     }
 
     pub(super) fn note_answer(&mut self, now: Instant) {
-        self.sleep_at = self.patience.note_answer(now);
+        self.sleep_at = self.spin_policy.note_answer(now);
     }
 
     /// What the thread that leads does without work, after the time to go to sleep.
     pub(super) fn rest(&mut self, now: Instant) -> Rest {
-        match self.patience.rest(now) {
+        match self.spin_policy.rest(now) {
             Rest::Sleep { until } if self.is_waited() => {
                 Rest::Sleep { until: until.min(now + WAITING_LOOK) }
             }
@@ -159,7 +159,7 @@ impl Scheduler {
 
     /// Whether requests wait, for what is taken.
     pub(super) fn is_waited(&self) -> bool {
-        self.inbox.waiting() > 0
+        self.queue.waiting() > 0
     }
 }
 
@@ -204,27 +204,27 @@ pub(super) enum Rest {
 }
 
 /// Learns from the last gap between an answer and the next request how long the next one may be, and
-/// from each client's requests when its next one is due. `C` tells clients apart.
+/// from each client's requests when its next one is due. `C` distinguishes clients.
 #[derive(Clone, Debug)]
-pub(super) struct Patience<C> {
+pub(super) struct SpinPolicy<C> {
     least: Duration,
     answered_at: Option<Instant>,
     gap: Duration,
     spin_until: Option<Instant>,
-    rhythm: Rhythm<C>,
+    pacing: Pacing<C>,
     /// The next time to be awake, as far as it was computed.
     wake: Option<Wake>,
 }
 
-impl<C: PartialEq> Patience<C> {
-    /// Waits for `least` whatever the gaps are; where that is nothing, never spins.
+impl<C: PartialEq> SpinPolicy<C> {
+    /// Waits for `least` regardless of the gaps; where that is nothing, never spins.
     pub(super) fn new(least: Duration) -> Self {
         Self {
             least,
             answered_at: None,
             gap: Duration::ZERO,
             spin_until: None,
-            rhythm: Rhythm::default(),
+            pacing: Pacing::default(),
             wake: None,
         }
     }
@@ -234,7 +234,7 @@ impl<C: PartialEq> Patience<C> {
         if let Some(answered_at) = self.answered_at.take() {
             self.gap = now.saturating_duration_since(answered_at);
         }
-        self.rhythm.note_request(client, now);
+        self.pacing.note_request(client, now);
         self.wake = None;
     }
 
@@ -242,12 +242,12 @@ impl<C: PartialEq> Patience<C> {
     pub(super) fn note_answer(&mut self, now: Instant) -> Instant {
         self.answered_at = Some(now);
         let longest = LONGEST.max(self.least);
-        let patience = if self.least.is_zero() || self.gap > longest {
+        let spin_policy = if self.least.is_zero() || self.gap > longest {
             self.least
         } else {
             (self.gap * ROOM).clamp(self.least, longest)
         };
-        let until = now + patience;
+        let until = now + spin_policy;
         self.spin_until = Some(until);
         until
     }
@@ -261,7 +261,7 @@ impl<C: PartialEq> Patience<C> {
             return Rest::Sleep { until: longest };
         }
         if self.wake.is_none_or(|wake| wake.spin_until <= now) {
-            self.wake = self.rhythm.next_wake(now);
+            self.wake = self.pacing.next_wake(now);
         }
         match self.wake {
             Some(wake) if wake.is_awake(now) => Rest::Spin { until: wake.spin_until },
@@ -290,15 +290,15 @@ mod tests {
     const US: Duration = Duration::from_micros(1);
     const MS: Duration = Duration::from_millis(1);
 
-    /// Patience after a gap of so many µs.
+    /// Timeout after a gap of so many µs.
     fn after(least: Duration, gap: u32) -> Duration {
-        let mut patience = Patience::new(least);
+        let mut spin_policy = SpinPolicy::new(least);
         let start = Instant::now();
-        assert_eq!(patience.note_answer(start), start + least);
-        patience.note_request(1, start + gap * US);
-        patience.note_request(1, start + 2 * gap * US);
+        assert_eq!(spin_policy.note_answer(start), start + least);
+        spin_policy.note_request(1, start + gap * US);
+        spin_policy.note_request(1, start + 2 * gap * US);
         let answered = start + 3 * gap * US;
-        patience.note_answer(answered) - answered
+        spin_policy.note_answer(answered) - answered
     }
 
     #[test]
@@ -311,32 +311,32 @@ mod tests {
         assert_eq!(after(Duration::ZERO, 10), Duration::ZERO);
     }
 
-    /// Patience after 20 frames, 16 ms each, and when the last of them was answered.
-    fn steady(least: Duration) -> (Patience<u32>, Instant) {
-        let mut patience = Patience::new(least);
+    /// Timeout after 20 frames, 16 ms each, and when the last of them was answered.
+    fn steady(least: Duration) -> (SpinPolicy<u32>, Instant) {
+        let mut spin_policy = SpinPolicy::new(least);
         let mut now = Instant::now();
         for _ in 0..20 {
             now += 16 * MS;
-            patience.note_request(1, now);
-            patience.note_answer(now + 40 * US);
+            spin_policy.note_request(1, now);
+            spin_policy.note_answer(now + 40 * US);
         }
-        (patience, now)
+        (spin_policy, now)
     }
 
     #[test]
     fn is_awake_for_a_steady_client_and_asleep_otherwise() {
-        let (mut patience, last) = steady(50 * US);
-        assert!(matches!(patience.rest(last + 60 * US), Rest::Spin { .. }));
-        let Rest::Sleep { until } = patience.rest(last + 90 * US) else { panic!("it sleeps") };
+        let (mut spin_policy, last) = steady(50 * US);
+        assert!(matches!(spin_policy.rest(last + 60 * US), Rest::Spin { .. }));
+        let Rest::Sleep { until } = spin_policy.rest(last + 90 * US) else { panic!("it sleeps") };
         assert!(last + 15 * MS < until && until < last + 16 * MS);
-        let Rest::Spin { until } = patience.rest(until) else { panic!("it is awake") };
-        assert_eq!(patience.rest(last + 16 * MS), Rest::Spin { until });
+        let Rest::Spin { until } = spin_policy.rest(until) else { panic!("it is awake") };
+        assert_eq!(spin_policy.rest(last + 16 * MS), Rest::Spin { until });
         assert!(last + 16 * MS < until && until < last + 17 * MS);
         // The frame does not come, nor the next ones.
         let mut now = until;
         let mut spins = 0;
         while now < last + 10_000 * MS {
-            now = match patience.rest(now) {
+            now = match spin_policy.rest(now) {
                 Rest::Spin { until } => {
                     spins += 1;
                     until
@@ -349,10 +349,10 @@ mod tests {
 
     #[test]
     fn never_spins_where_that_is_the_setting() {
-        let (mut patience, last) = steady(Duration::ZERO);
+        let (mut spin_policy, last) = steady(Duration::ZERO);
         for ms in [0, 15, 16, 17] {
             let now = last + ms * MS + 50 * US;
-            assert_eq!(patience.rest(now), Rest::Sleep { until: now + LONGEST_SLEEP });
+            assert_eq!(spin_policy.rest(now), Rest::Sleep { until: now + LONGEST_SLEEP });
         }
     }
 }

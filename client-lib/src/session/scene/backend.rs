@@ -20,21 +20,21 @@ use crate::session::error::Error;
 use crate::session::settings::{Backend, Settings};
 use crate::session::unread::Awaited;
 
-/// Boxes that persist from answer to answer, by indices of the client's own.
+/// Boxes that stay from answer to answer, by indices of the client's own.
 ///
 /// [`pairmask_core::scene`] says what is reported. Made by [`Session::scene`](crate::Session::scene);
 /// it lives on without the session.
 ///
-/// Boxes may have [rules](crate::filters) of which others they meet: [`SceneEdit::tag`](super::SceneEdit::tag). They may have
+/// Boxes may have [rules](crate::filters) of which others they meet: [`SceneEdit::filter_data`](super::SceneEdit::set_filter). They may have
 /// [margins](SceneOptions::margin): then only boxes that left theirs are sent.
 ///
 /// A daemon keeps the scene where the session has one. This process keeps boxes and flags, 25 bytes an
-/// index and with tags 12 more, and sends them again by itself where the daemon has lost them; where no daemon answers, it
+/// index and with filter data 12 more, and sends them again by itself where the daemon has lost them; where no daemon answers, it
 /// answers from them itself, if the [backend](crate::Backend) allows it. Then the next changes are a
 /// [resync](super::SceneAnswer::is_resync).
 pub struct Scene {
     pub(super) core: Arc<Core>,
-    pub(super) kept: Kept,
+    pub(super) backend: SceneBackend,
     pub(super) margins: Option<Box<Margined>>,
     pub(super) draft: Draft,
     /// Indices are below this.
@@ -43,12 +43,12 @@ pub struct Scene {
 
 /// Where the boxes are that were sent.
 #[allow(clippy::large_enum_variant)] // One of each scene.
-pub(super) enum Kept {
+pub(super) enum SceneBackend {
     Remote(RemoteScene),
     Here(CoreScene),
 }
 
-impl Kept {
+impl SceneBackend {
     fn sent(&self) -> Sent<'_> {
         match self {
             Self::Remote(scene) => scene.copy().into(),
@@ -106,19 +106,21 @@ impl Scene {
     pub(in crate::session) fn new(core: &Arc<Core>, options: SceneOptions) -> Result<Self, Error> {
         let own = options.without_session(core.settings().threads);
         let (usual, pairs) = (options.margin, [options.near_pairs, options.shared.is_some()]);
-        let (kept, index_limit) = match (&options.shared, core.settings().backend) {
+        let (backend, index_limit) = match (&options.shared, core.settings().backend) {
             (Some(name), _) => {
                 let sharing = Sharing::new(name.parse()?, options);
                 let scene = RemoteScene::join(core, own, sharing)?;
                 let index_limit = scene.most_boxes();
-                (Kept::Remote(scene), index_limit)
+                (SceneBackend::Remote(scene), index_limit)
             }
-            (None, Backend::InProcess) => (Kept::Here(new_scene(own, core)), own.most_boxes),
-            (None, _) => (Kept::Remote(RemoteScene::new(core, own, None)), own.most_boxes),
+            (None, Backend::InProcess) => {
+                (SceneBackend::Here(new_scene(own, core)), own.most_boxes)
+            }
+            (None, _) => (SceneBackend::Remote(RemoteScene::new(core, own, None)), own.most_boxes),
         };
         let margined = |usual| Box::new(Margined::new(usual, pairs, index_limit, own.threads));
         let (margins, draft) = (usual.map(margined), Draft::default());
-        Ok(Self { core: Arc::clone(core), kept, margins, draft, index_limit })
+        Ok(Self { core: Arc::clone(core), backend, margins, draft, index_limit })
     }
 
     /// Indices are below this.
@@ -129,19 +131,19 @@ impl Scene {
     /// Requests a resync: the next changes are [all pairs](super::SceneAnswer::is_resync).
     pub fn resync(&mut self) {
         if self.margins.as_mut().is_none_or(|margins| margins.resync()) {
-            match &mut self.kept {
-                Kept::Remote(scene) => scene.resync(),
-                Kept::Here(scene) => scene.resync(),
+            match &mut self.backend {
+                SceneBackend::Remote(scene) => scene.resync(),
+                SceneBackend::Here(scene) => scene.resync(),
             }
         }
     }
 
-    /// Boxes, those that are switched off too; of a shared scene, this member's.
+    /// Boxes, those that are disabled too; of a shared scene, this member's.
     pub const fn len(&self) -> usize {
-        match (&self.margins, &self.kept) {
+        match (&self.margins, &self.backend) {
             (Some(margins), _) => margins.now().len(),
-            (None, Kept::Remote(scene)) => scene.copy().len(),
-            (None, Kept::Here(scene)) => scene.len(),
+            (None, SceneBackend::Remote(scene)) => scene.copy().len(),
+            (None, SceneBackend::Here(scene)) => scene.len(),
         }
     }
 
@@ -150,7 +152,7 @@ impl Scene {
         self.len() == 0
     }
 
-    /// The box of an index as it was set, also one that is switched off.
+    /// The box of an index as it was set, also one that is disabled.
     pub fn get(&self, index: u32) -> Option<Aabb> {
         match &self.margins {
             Some(margins) => margins.now().get(index),
@@ -160,9 +162,9 @@ impl Scene {
 
     /// The box of an index as it was sent: inflated, where it has a margin.
     pub fn inflated(&self, index: u32) -> Option<Aabb> {
-        match &self.kept {
-            Kept::Remote(scene) => scene.copy().get(index),
-            Kept::Here(scene) => scene.get(index),
+        match &self.backend {
+            SceneBackend::Remote(scene) => scene.copy().get(index),
+            SceneBackend::Here(scene) => scene.get(index),
         }
     }
 
@@ -173,18 +175,18 @@ impl Scene {
 
     /// Bytes that this process keeps of the scene.
     pub fn allocated_bytes(&self) -> usize {
-        let kept = match &self.kept {
-            Kept::Remote(scene) => scene.allocated_bytes().0,
-            Kept::Here(scene) => scene.allocated_bytes(),
+        let backend = match &self.backend {
+            SceneBackend::Remote(scene) => scene.allocated_bytes().0,
+            SceneBackend::Here(scene) => scene.allocated_bytes(),
         };
-        kept + self.margins.as_ref().map_or(0, |margins| margins.allocated_bytes())
+        backend + self.margins.as_ref().map_or(0, |margins| margins.allocated_bytes())
     }
 
     /// Bytes that the daemon keeps of it, by its last answer; 0 where it has none, and of a shared scene.
     pub fn daemon_bytes(&self) -> u64 {
-        match &self.kept {
-            Kept::Remote(scene) => scene.allocated_bytes().1,
-            Kept::Here(_) => 0,
+        match &self.backend {
+            SceneBackend::Remote(scene) => scene.allocated_bytes().1,
+            SceneBackend::Here(_) => 0,
         }
     }
 
@@ -223,8 +225,8 @@ impl Scene {
     /// `None` stands for an empty range.
     fn lease_by(&mut self, action: Option<LeaseAction>) -> Result<Range<u32>, Error> {
         self.settle();
-        match &mut self.kept {
-            Kept::Remote(scene) if scene.sharing().is_some() => {
+        match &mut self.backend {
+            SceneBackend::Remote(scene) if scene.sharing().is_some() => {
                 scene.lease(action.ok_or(LeaseError::Empty)?)
             }
             _ => Err(Error::NotShared),
@@ -233,26 +235,26 @@ impl Scene {
 
     /// The ranges of a shared scene that this member has leased.
     pub fn leases(&self) -> &[Range<u32>] {
-        self.kept.sharing().map_or(&[], |sharing| &sharing.leases)
+        self.backend.sharing().map_or(&[], |sharing| &sharing.leases)
     }
 
     /// How long a tick of a shared scene is open after its first commit, at the most; `None` of another scene.
     pub fn tick_deadline(&self) -> Option<Duration> {
-        self.kept.sharing()?.terms().deadline
+        self.backend.sharing()?.terms().deadline
     }
 
     /// How long an answer is waited for, and how.
     pub(super) fn settings(&self) -> &Settings {
-        match &self.kept {
-            Kept::Remote(scene) => scene.settings(),
-            Kept::Here(_) => self.core.settings(),
+        match &self.backend {
+            SceneBackend::Remote(scene) => scene.settings(),
+            SceneBackend::Here(_) => self.core.settings(),
         }
     }
 
     /// Receives the answer to an edit that nobody waited for: a commit of a shared scene that was refused is taken back
     /// before another edit is checked.
     fn settle(&mut self) {
-        if let Kept::Remote(scene) = &mut self.kept
+        if let SceneBackend::Remote(scene) = &mut self.backend
             && scene.settle()
             && let Some(margins) = &mut self.margins
         {
@@ -268,15 +270,15 @@ impl Scene {
         report: Report,
     ) -> Result<(Option<Report>, Awaited), Error> {
         self.settle();
-        let Self { kept, margins, draft, .. } = self;
+        let Self { backend, margins, draft, .. } = self;
         let all = draft.steps(given);
         let edit = Edit { steps: &all };
         let Some(margins) = margins else {
-            return Ok((Some(report), kept.begin(edit, report)?));
+            return Ok((Some(report), backend.begin(edit, report)?));
         };
         let sets = draft.margined(given, margins.usual());
-        let ask = margins.choose(edit, &sets, report, kept.sent())?;
-        let sent = ask.map(|report| kept.begin(Edit { steps: &margins.request(&all) }, report));
+        let ask = margins.choose(edit, &sets, report, backend.sent())?;
+        let sent = ask.map(|report| backend.begin(Edit { steps: &margins.request(&all) }, report));
         if matches!(&sent, Some(Err(error)) if !error.is_applied()) {
             margins.cancel(edit);
         } else {
@@ -287,8 +289,8 @@ impl Scene {
 
     /// Waits for the answer to an edit that asked for something. What was refused is taken back.
     pub(super) fn end(&mut self, awaited: Awaited) -> Result<Found, Error> {
-        let ended = self.kept.end(awaited);
-        if let Kept::Remote(scene) = &mut self.kept
+        let ended = self.backend.end(awaited);
+        if let SceneBackend::Remote(scene) = &mut self.backend
             && scene.was_undone()
             && let Some(margins) = &mut self.margins
         {

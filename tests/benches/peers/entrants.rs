@@ -11,7 +11,7 @@ use pairmask_tests::prelude::*;
 use pairmaskd::spawn::PrivateDaemon;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use crate::measure::Lane;
+use crate::measure::Entrant;
 use crate::options::Options;
 
 /// How long one frame may take. No scene takes as long.
@@ -23,12 +23,12 @@ const FALLING_ASLEEP: Duration = Duration::from_millis(1);
 ///
 /// # Errors
 /// A session or a thread pool that cannot be made.
-pub fn lanes(
+pub fn entrants(
     boxes: &[Aabb],
     daemon: &PrivateDaemon,
     options: &Options,
-) -> Result<Vec<Lane>, Box<dyn std::error::Error>> {
-    let mut lanes = Vec::new();
+) -> Result<Vec<Entrant>, Box<dyn std::error::Error>> {
+    let mut entrants = Vec::new();
     for &threads in &options.threads {
         for &engine in &options.engine {
             for backend in [Backend::Daemon, Backend::InProcess] {
@@ -39,15 +39,15 @@ pub fn lanes(
                 };
                 let who = Who::Ours { backend: name, engine: engine.to_string() };
                 let ours = Box::new(Ours::new(session, threads, rest));
-                lanes.push(Lane::new(who, threads, ours, pool(threads)?));
+                entrants.push(Entrant::new(who, threads, ours, pool(threads)?));
             }
         }
         for &name in &options.peers {
             let pool = pool(threads)?;
-            lanes.push(Lane::new(Who::Peer(name), threads, peer(name, boxes, threads), pool));
+            entrants.push(Entrant::new(Who::Peer(name), threads, peer(name, boxes, threads), pool));
         }
     }
-    Ok(lanes)
+    Ok(entrants)
 }
 
 fn session(
@@ -61,7 +61,7 @@ fn session(
     // A frame of boxes that do not move is culled like any other, by us as by our peers.
     let builder = daemon.session().backend(backend).answer_repeats(false);
     let builder = builder.engine(engine).threads(threads);
-    builder.visit_threads(threads).deadline(DEADLINE).capacity(BoxCount::new(n)).connect()
+    builder.iterate_threads(threads).deadline(DEADLINE).capacity(BoxCount::new(n)).connect()
 }
 
 /// A lane's own threads, also for one thread: the scheduler of a busy machine wakes last the thread

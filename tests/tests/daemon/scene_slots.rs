@@ -1,4 +1,4 @@
-//! The three places of a session, which frames share with edits, answers and ends of scenes.
+//! The three slots of a session, which frames share with edits, answers and ends of scenes.
 
 use std::time::Duration;
 
@@ -20,7 +20,7 @@ fn leave_an_edit(scene: &mut Scene) {
     drop(scene.edit().set(2, at(1.2)).submit(Report::Changes).unwrap());
 }
 
-/// The answer after [`leave_an_edit`] tells what that would have told, and what is new.
+/// The answer after [`leave_an_edit`] reports what that would have reported, and what is new.
 fn make_up(scene: &mut Scene) {
     let answer = scene.edit().remove(0).commit(Report::Changes).unwrap();
     assert_eq!((answer.served_by(), answer.is_resync()), (ServedBy::Daemon, false));
@@ -34,16 +34,16 @@ fn is_full<T>(result: &Result<T, Error>) -> bool {
 }
 
 #[test]
-fn an_edit_that_nobody_waits_for_holds_no_place() {
+fn an_edit_that_nobody_waits_for_holds_no_slot() {
     let (_daemon, mut session) = served();
     let mut scenes: [Scene; 5] = reported_scenes(&mut session);
-    // The fourth and fifth edit want places too.
+    // The fourth and fifth edit need places too.
     scenes.iter_mut().for_each(leave_an_edit);
     assert_eq!(session.daemon_status().unwrap().scenes, 5);
     assert_eq!(session.answer(&[at(0.0), at(0.5)]).to_vec(), [[0, 1]]);
 
     let frames: Vec<_> = (0..3).map(|_| session.frame(4).unwrap()).collect();
-    assert!(is_full(&session.frame(4)), "three frames hold the three places");
+    assert!(is_full(&session.frame(4)), "three frames hold the three slots");
     let full = scenes[0].edit().set(7, at(0.0)).commit(Report::All).map(drop).unwrap_err();
     assert!(matches!(full, Error::TooManyFrames), "{full}");
     assert_eq!(scenes[0].len(), 3, "the edit was not made");
@@ -68,7 +68,7 @@ fn an_edit_that_nobody_waits_for_holds_no_place() {
 }
 
 #[test]
-fn a_scene_that_ends_while_there_is_no_place_ends_in_the_daemon_too() {
+fn a_scene_that_ends_while_there_is_no_slot_ends_in_the_daemon_too() {
     let (daemon, mut session) = served();
     let scenes: [Scene; 5] = reported_scenes(&mut session);
     let frames: Vec<_> = (0..3).map(|_| session.frame(4).unwrap()).collect();
@@ -86,7 +86,7 @@ fn a_scene_that_ends_while_there_is_no_place_ends_in_the_daemon_too() {
 }
 
 #[test]
-fn a_place_is_waited_for_while_an_answer_is_under_way() {
+fn a_slot_is_waited_for_while_an_answer_is_under_way() {
     let (daemon, mut session) = served();
     let mut scenes: [Scene; 3] = reported_scenes(&mut session);
     daemon.signal_worker(Signal::STOP);
@@ -109,7 +109,7 @@ fn a_place_is_waited_for_while_an_answer_is_under_way() {
 }
 
 #[test]
-fn a_daemon_that_answers_no_edit_is_given_up_by_the_frame_that_wants_its_place() {
+fn a_daemon_that_answers_no_edit_is_given_up_by_the_frame_that_needs_its_slot() {
     let daemon = TestDaemon::of_cores();
     let deadline = Duration::from_millis(100);
     let mut strict = daemon.session().deadline(deadline).connect().unwrap();

@@ -1,15 +1,15 @@
 //! Filters as words.
 
-use pairmask_core::filters::{Filter, Tag};
+use pairmask_core::filters::{Filter, FilterData};
 
-/// Words of a tag, a filter and a pair.
-pub(crate) const TAG_WORDS: usize = 3;
+/// Words of filter data, a filter and a pair.
+pub(crate) const FILTER_DATA_WORDS: usize = 3;
 pub(crate) const FILTER_WORDS: usize = 6;
 pub(crate) const PAIR_WORDS: usize = 2;
-const _: () = assert!(size_of::<Tag>() == 4 * TAG_WORDS);
+const _: () = assert!(size_of::<FilterData>() == 4 * FILTER_DATA_WORDS);
 
 /// Indices that one request may name, for each box that it is about: those of an edit, in all its steps
-/// together, removed, set, switched, flagged, tagged and renewed, and more than as much again. Without a
+/// together, removed, set, enabled or disabled, flagged, given filter data and renewed, and more than as much again. Without a
 /// limit, one request could be work without end.
 pub(crate) const NAMED_PER_BOX: u64 = 16;
 

@@ -1,6 +1,6 @@
 //! What the worker threads do, and who of them looks for requests.
 //!
-//! Each call is one step, made under the scheduler's lock: whoever leads gives the lead up in the step in which it
+//! Each call is one step, made under the scheduler's lock: the leader gives the lead up in the step in which it
 //! begins to serve, and a thread is woken by the step that finds it needed. What holds between any two steps, so that
 //! no request waits for the end of a long frame:
 //!
@@ -37,7 +37,7 @@ enum Activity {
 /// What each worker thread does, and how many should be awake: one for each session that asked for small frames a
 /// moment ago, and one for each that is away with a long frame.
 ///
-/// Instants come from outside, and who is to be woken is told to the caller.
+/// Instants come from outside, and who is to be woken is asked to the caller.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Workers {
     /// Sessions and when they were active last.
@@ -68,7 +68,7 @@ impl Workers {
     }
 
     /// Sessions that were active within a time, at least [`ACTIVE_FOR`]: those that may come again during a frame that takes
-    /// as long. Some that were active earlier than [`KNOWN_FOR`] are forgotten.
+    /// as long. Some that were active earlier than [`KNOWN_FOR`] are dropped.
     pub(super) fn sessions_within(
         &self,
         time: Duration,
@@ -101,7 +101,7 @@ impl Workers {
     /// now on; `None` where enough are awake.
     pub(super) fn begin(&mut self, thread: usize, is_long: bool, now: Instant) -> Option<usize> {
         self.activities[thread] = Activity::Serves { is_long, since: now };
-        if self.awake() >= self.wanted(now) {
+        if self.awake() >= self.requested(now) {
             return None;
         }
         let woken = (0..self.activities.len()).find(|thread| self.is_resting(*thread))?;
@@ -150,7 +150,7 @@ impl Workers {
     }
 
     pub(super) fn is_too_many(&self, now: Instant) -> bool {
-        self.awake() > self.wanted(now)
+        self.awake() > self.requested(now)
     }
 
     pub(super) fn is_resting(&self, thread: usize) -> bool {
@@ -173,7 +173,7 @@ impl Workers {
         self.activities.iter().filter(is_away).count()
     }
 
-    fn wanted(&self, now: Instant) -> usize {
+    fn requested(&self, now: Instant) -> usize {
         let active = self.sessions_within(ACTIVE_FOR, now).count();
         (active.clamp(1, self.most_awake) + self.away()).min(self.activities.len())
     }
@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn sessions_that_are_gone_are_forgotten() {
+    fn sessions_that_ended_are_dropped() {
         let (mut workers, start) = (at_rest(2, 2), Instant::now());
         for session in 0..1000 {
             workers.note_active(session, start + MS * session as u32);
@@ -318,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn somebody_listens_whatever_the_order_of_steps() {
+    fn somebody_listens_in_any_order_of_steps() {
         let now = Instant::now();
         for (threads, active) in [(1, 0), (2, 0), (3, 0), (3, 5), (4, 1), (5, 3)] {
             let mut first = Workers::new(threads, threads.saturating_sub(1).max(1));

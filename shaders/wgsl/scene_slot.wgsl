@@ -1,4 +1,4 @@
-// scene_place: each entry to its position: by cell, within a cell in the order in which threads came.
+// scene_slot: each entry to its position: by cell, within a cell in the order in which threads came.
 // Answers are sorted, so that order does not show.
 // Held to `pairmask_core::scene` by the tests of scenes on GPUs.
 

@@ -2,17 +2,17 @@
 //!
 //! A thread that sleeps until a frame comes answers it late: it is woken in 50 to 100 µs on a virtual
 //! machine, the core's clock is down, and its caches hold what others left. A frame of 1,000 boxes then
-//! takes several times as long. A thread that spins all the time costs a core. A [`Rhythm`] says when
+//! takes several times as long. A thread that spins all the time costs a core. A [`Pacing`] says when
 //! to be awake instead: from shortly before a frame is due until shortly after.
 
 mod estimate;
-mod pulse;
+mod predictor;
 
 pub use self::estimate::{Answered, Estimate, Expected};
 
 use std::time::{Duration, Instant};
 
-use self::pulse::{Beat, Pulse};
+use self::predictor::{Beat, Predictor};
 
 /// How long before the earliest expected request a thread is woken. The timer comes 0.1 ms late on a
 /// virtual machine, and sometimes 0.3 ms: a lead of 0.1 ms gains nothing.
@@ -26,7 +26,7 @@ const LONGEST: Duration = Duration::from_micros(600);
 const SHARE: u32 = 6;
 /// The largest share of a core that all clients together may take, as one in so many.
 const SHARE_OF_ALL: u32 = 4;
-/// A client whose requests come within so many times the time that is left for them has no rhythm: the
+/// A client whose requests come within so many times the time that is left for them has no pace: the
 /// most of them would come when nobody is awake.
 const WIDEST: u32 = 2;
 /// Less time than this is not worth a wake-up of its own.
@@ -52,23 +52,23 @@ impl Wake {
     }
 }
 
-/// The rhythms of clients that one thread serves. `C` tells clients apart.
+/// The paces of clients that one thread serves. `C` distinguishes clients.
 #[derive(Clone, Debug)]
-pub struct Rhythm<C> {
-    clients: Vec<(C, Pulse)>,
+pub struct Pacing<C> {
+    clients: Vec<(C, Predictor)>,
 }
 
-impl<C> Default for Rhythm<C> {
+impl<C> Default for Pacing<C> {
     fn default() -> Self {
         Self { clients: Vec::with_capacity(MOST_CLIENTS) }
     }
 }
 
-impl<C: PartialEq> Rhythm<C> {
+impl<C: PartialEq> Pacing<C> {
     /// A request of a client came.
     pub fn note_request(&mut self, client: C, now: Instant) {
-        if let Some((_, pulse)) = self.clients.iter_mut().find(|(known, _)| *known == client) {
-            return pulse.note(now);
+        if let Some((_, predictor)) = self.clients.iter_mut().find(|(known, _)| *known == client) {
+            return predictor.note(now);
         }
         if self.clients.len() == MOST_CLIENTS {
             let silent = self.clients.iter().enumerate().min_by_key(|(_, (_, p))| p.last());
@@ -76,20 +76,23 @@ impl<C: PartialEq> Rhythm<C> {
                 self.clients.swap_remove(index);
             }
         }
-        self.clients.push((client, Pulse::new(now)));
+        self.clients.push((client, Predictor::new(now)));
     }
 
-    /// Whether the rhythm of a client is known.
+    /// Whether the pace of a client is known.
     pub fn is_known(&self) -> bool {
-        self.clients.iter().any(|(_, pulse)| pulse.beat().is_some())
+        self.clients.iter().any(|(_, predictor)| predictor.beat().is_some())
     }
 
     /// When to be awake next: now, where `sleep_until` has passed. `None` where no client is expected;
     /// then sleep until a request comes.
     pub fn next_wake(&self, now: Instant) -> Option<Wake> {
         let budget = self.budget(now);
-        let mut windows: Vec<Wake> =
-            self.clients.iter().filter_map(|(_, pulse)| window(pulse, budget, now)).collect();
+        let mut windows: Vec<Wake> = self
+            .clients
+            .iter()
+            .filter_map(|(_, predictor)| window(predictor, budget, now))
+            .collect();
         windows.sort_unstable_by_key(|wake| wake.sleep_until);
         // Windows that overlap, or lie too close for a sleep between them, are one.
         let mut windows = windows.into_iter();
@@ -105,9 +108,9 @@ impl<C: PartialEq> Rhythm<C> {
 
     /// The longest time awake for a beat of each client, so that all together keep to their share.
     fn budget(&self, now: Instant) -> Duration {
-        let beats = self.clients.iter().filter(|(_, pulse)| pulse.next(now, LAG).is_some());
+        let beats = self.clients.iter().filter(|(_, predictor)| predictor.next(now, LAG).is_some());
         let per_second: f64 = beats
-            .filter_map(|(_, pulse)| Some(1.0 / pulse.beat()?.period.as_secs_f64()))
+            .filter_map(|(_, predictor)| Some(1.0 / predictor.beat()?.period.as_secs_f64()))
             .filter(|rate| rate.is_finite())
             .sum();
         let share = Duration::from_secs(1) / SHARE_OF_ALL;
@@ -117,8 +120,8 @@ impl<C: PartialEq> Rhythm<C> {
 
 /// When to be awake for the next beat of a client; `None` where none is expected, or where too little
 /// time is left for it.
-fn window(pulse: &Pulse, budget: Duration, now: Instant) -> Option<Wake> {
-    let Beat { period, early, late } = pulse.beat()?;
+fn window(predictor: &Predictor, budget: Duration, now: Instant) -> Option<Wake> {
+    let Beat { period, early, late } = predictor.beat()?;
     let budget = budget.min(period / SHARE);
     let spread = early + late;
     if budget < SHORTEST {
@@ -135,7 +138,7 @@ fn window(pulse: &Pulse, budget: Duration, now: Instant) -> Option<Wake> {
     } else {
         (scaled(early, room, spread), scaled(late, room, spread))
     };
-    let due = pulse.next(now, late + lag)?;
+    let due = predictor.next(now, late + lag)?;
     let expected = due.checked_sub(early)?;
     Some(Wake { sleep_until: expected.checked_sub(lead)?, expected, spin_until: due + late + lag })
 }

@@ -1,4 +1,4 @@
-//! Worker threads, called lanes, that serve requests side by side.
+//! Worker threads, that serve requests side by side.
 //!
 //! Every one does all of a frame: the thread that receives a request culls and answers it, so that a lone
 //! client's frame is handed to no other thread. One idle thread at a time **leads**: it looks for requests,
@@ -9,7 +9,7 @@
 //! There is one thread more than cores, and the last one that is not away with a long frame begins none: requests that
 //! are served soon never wait for the end of long ones.
 //!
-//! Lane 0 is the first thread of the engines' pool: large frames of a lone client start there without a
+//! Worker thread 0 is the first thread of the engines' pool: large frames of a lone client start there without a
 //! hand-over. When all is quiet it alone sleeps until a client wakes it; others rest until a thread
 //! wakes them. Beside them the tidier, a thread of its own, frees what dead clients leave.
 //!
@@ -36,11 +36,11 @@ use super::janitor::Janitor;
 use super::{ServeError, ServeSettings};
 use crate::clients::{Client, FrameWork, GpuNeed, RequestKind};
 use crate::execute::CpuTimer;
-use crate::ingest::{Inbox, Incoming, Intake};
+use crate::ingest::{Incoming, Intake, RequestQueue};
 use crate::locked;
 use crate::requests::{EndWithPanic, Responder, Served};
 
-/// A lane that stands by while others serve long frames looks for requests this often: 1 % of a core, and
+/// A worker thread that stands by while others serve long frames looks for requests this often: 1 % of a core, and
 /// a client that begins to send meanwhile waits for it once.
 const STAND_BY_NAP: Duration = Duration::from_micros(500);
 
@@ -53,13 +53,13 @@ const RELIEF_LOOK: Duration = Duration::from_millis(20);
 /// Between two looks whether a GPU that is being opened is there: so much later it joins at the most.
 const OPENING_LOOK: Duration = Duration::from_millis(20);
 
-pub(super) struct Lanes<'a> {
+pub(super) struct WorkerThreads<'a> {
     // Engines before the port whose memory they write to: fields drop in this order.
     responder: Responder,
     lead: Mutex<Lead>,
     /// Whether a thread leads, as the scheduler has it.
     is_led: AtomicBool,
-    /// Whether lane 0 leads and sleeps.
+    /// Whether worker thread 0 leads and sleeps.
     is_asleep: AtomicBool,
     scheduler: Mutex<Scheduler>,
     threads: Vec<OnceLock<Thread>>,
@@ -93,13 +93,13 @@ impl Asked {
 #[allow(clippy::large_enum_variant)] // A box would be an allocation.
 enum Led {
     Task(Task),
-    /// Another lane may want to lead, and this one looks again later.
+    /// Another worker thread may be about to lead, and this one looks again later.
     StandBy,
     Rest,
     Stop,
 }
 
-impl<'a> Lanes<'a> {
+impl<'a> WorkerThreads<'a> {
     /// One thread more than cores: one listens while all others are away.
     pub(super) fn new(
         intake: Intake,
@@ -110,34 +110,34 @@ impl<'a> Lanes<'a> {
         janitor: &'a Janitor,
         stop: &'a AtomicBool,
     ) -> Self {
-        let lanes = cores + 1;
-        let workers = Workers::new(lanes, cores);
+        let worker_count = cores + 1;
+        let workers = Workers::new(worker_count, cores);
         let gpus = responder.culls.gpus().iter().count();
-        let inbox = Inbox::new(settings.daemon.limits.max_clients, gpus);
-        let scheduler = Scheduler::new(inbox, workers, settings.daemon.spin, cores);
-        let arrived = Vec::with_capacity(scheduler.inbox.room());
+        let queue = RequestQueue::new(settings.daemon.limits.max_clients, gpus);
+        let scheduler = Scheduler::new(queue, workers, settings.daemon.spin, cores);
+        let arrived = Vec::with_capacity(scheduler.queue.room());
         Self {
             responder,
             lead: Mutex::new(Lead { intake, wake, arrived, tidy_at: Instant::now() }),
             is_led: AtomicBool::new(false),
             is_asleep: AtomicBool::new(false),
             scheduler: Mutex::new(scheduler),
-            threads: (0..lanes).map(|_| OnceLock::new()).collect(),
+            threads: (0..worker_count).map(|_| OnceLock::new()).collect(),
             janitor,
             stop,
         }
     }
 
-    /// Serves until told to stop. This thread is lane 0.
+    /// Serves until asked to stop. This thread is worker thread 0.
     pub(super) fn run(&self) -> Result<(), ServeError> {
         std::thread::scope(|scope| {
             let mut others = Vec::with_capacity(self.threads.len());
-            for lane in 1..self.threads.len() {
+            for worker in 1..self.threads.len() {
                 let other = std::thread::Builder::new()
-                    .name(format!("lane-{lane}"))
-                    .spawn_scoped(scope, move || self.serve_in(lane))
+                    .name(format!("worker-{worker}"))
+                    .spawn_scoped(scope, move || self.serve_in(worker))
                     .inspect_err(|_| self.stop.store(true, Ordering::Relaxed))
-                    .map_err(ServeError::system("starting a lane"))?;
+                    .map_err(ServeError::system("starting a worker thread"))?;
                 others.push(other);
             }
             let tidier = std::thread::Builder::new()
@@ -177,26 +177,26 @@ impl<'a> Lanes<'a> {
         self.responder.culls.gpus().counts()
     }
 
-    fn serve_in(&self, lane: usize) {
+    fn serve_in(&self, worker: usize) {
         let _end = EndWithPanic;
         // Nothing else sets it.
-        let _ = self.threads[lane].set(std::thread::current());
+        let _ = self.threads[worker].set(std::thread::current());
         while !self.stop.load(Ordering::Relaxed) {
-            if !self.takes_lead(lane) {
-                match self.next_task(lane) {
-                    Some(task) => self.serve(lane, task),
-                    None => self.follow(lane),
+            if !self.takes_lead(worker) {
+                match self.next_task(worker) {
+                    Some(task) => self.serve(worker, task),
+                    None => self.follow(worker),
                 }
                 continue;
             }
             // Who led before gives it back in a moment.
             let mut lead = locked(&self.lead);
-            let led = self.lead(lane, &mut lead);
+            let led = self.lead(worker, &mut lead);
             drop(lead);
             match led {
-                Led::Task(task) => self.serve(lane, task),
+                Led::Task(task) => self.serve(worker, task),
                 Led::StandBy => std::thread::park_timeout(STAND_BY_NAP),
-                Led::Rest => self.rest(lane),
+                Led::Rest => self.rest(worker),
                 Led::Stop => {}
             }
         }
@@ -204,20 +204,20 @@ impl<'a> Lanes<'a> {
     }
 
     /// An idle thread leads from now on, unless another one does. Whether it does.
-    fn takes_lead(&self, lane: usize) -> bool {
+    fn takes_lead(&self, worker: usize) -> bool {
         let mut scheduler = locked(&self.scheduler);
-        let leads = scheduler.workers.lead(lane);
+        let leads = scheduler.workers.lead(worker);
         self.note_lead(&scheduler);
         leads
     }
 
-    /// Tells those who spin whether a thread leads. To be called after each change, under the scheduler's lock.
+    /// Informs those who spin whether a thread leads. To be called after each change, under the scheduler's lock.
     fn note_lead(&self, scheduler: &Scheduler) {
         self.is_led.store(scheduler.workers.is_led(), Ordering::Release);
     }
 
     /// Looks for requests until there is one to serve, or nothing to look for.
-    fn lead(&self, lane: usize, lead: &mut Lead) -> Led {
+    fn lead(&self, worker: usize, lead: &mut Lead) -> Led {
         let mut spinner = Spinner::default();
         let mut may_begin = true;
         let (mut look_at, mut sleep_at) = (Instant::now(), Instant::now());
@@ -225,7 +225,7 @@ impl<'a> Lanes<'a> {
             let has_arrived = self.receive(lead);
             // Requests that came together with one that another thread serves wait in the scheduler, or for the pool.
             if (has_arrived || std::mem::take(&mut may_begin))
-                && let Some(task) = self.next_task(lane)
+                && let Some(task) = self.next_task(worker)
             {
                 return Led::Task(task);
             }
@@ -244,11 +244,11 @@ impl<'a> Lanes<'a> {
                 sleep_at = scheduler.sleep_at;
                 may_begin = scheduler.is_waited();
                 look_at = now + SCHEDULER_LOOK;
-                if lane > 0 && scheduler.workers.is_too_many(now) {
-                    return self.leave(lane, scheduler);
+                if worker > 0 && scheduler.workers.is_too_many(now) {
+                    return self.leave(worker, scheduler);
                 }
-                if lane > 0 && !scheduler.is_awaiting(now) {
-                    // Whoever is active is being served: nothing to spin for.
+                if worker > 0 && !scheduler.is_awaiting(now) {
+                    // A client that is active is being served: nothing to spin for.
                     sleep_at = now;
                 }
             }
@@ -256,8 +256,8 @@ impl<'a> Lanes<'a> {
                 self.responder.culls.rest();
             } else if now < sleep_at {
                 spinner.turn();
-            } else if lane > 0 {
-                return self.stand_by(lane);
+            } else if worker > 0 {
+                return self.stand_by(worker);
             } else if self.pause(&lead.wake, now) {
                 spinner.turn();
             }
@@ -265,14 +265,14 @@ impl<'a> Lanes<'a> {
         Led::Stop
     }
 
-    /// Lane 0 sleeps until a request comes or is due soon. `true`, at once, where one is due now.
+    /// Worker thread 0 sleeps until a request comes or is due soon. `true`, at once, where one is due now.
     fn pause(&self, wake: &WakeDaemon, now: Instant) -> bool {
         let rest = locked(&self.scheduler).rest(now);
         match rest {
             Rest::Spin { .. } => true,
             Rest::Sleep { until } => {
                 self.is_asleep.store(true, Ordering::Relaxed);
-                // A lane that leaves a frame with a GPU now is seen here, or sees that this one sleeps.
+                // A worker thread that leaves a frame with a GPU now is seen here, or sees that this one sleeps.
                 fence(Ordering::SeqCst);
                 let is_busy = self.responder.culls.is_busy();
                 // A request that came between the last look and the sleep has left its wake-up: it is
@@ -286,12 +286,12 @@ impl<'a> Lanes<'a> {
         }
     }
 
-    /// A lane beside lane 0 gives the lead up, to lane 0 where that rests, and rests itself where others listen.
-    fn leave(&self, lane: usize, mut scheduler: MutexGuard<'_, Scheduler>) -> Led {
+    /// A worker thread beside worker thread 0 gives the lead up, to worker thread 0 where that rests, and rests itself where others listen.
+    fn leave(&self, worker: usize, mut scheduler: MutexGuard<'_, Scheduler>) -> Led {
         let was_resting = scheduler.workers.wake(0);
-        let rests = scheduler.workers.rest(lane);
+        let rests = scheduler.workers.rest(worker);
         if !rests {
-            scheduler.workers.end(lane);
+            scheduler.workers.end(worker);
         }
         self.note_lead(&scheduler);
         drop(scheduler);
@@ -301,20 +301,20 @@ impl<'a> Lanes<'a> {
         if rests { Led::Rest } else { Led::StandBy }
     }
 
-    /// What a lane beside lane 0 does instead of sleeping: while lane 0 is away, it looks now and then.
-    fn stand_by(&self, lane: usize) -> Led {
+    /// What a worker thread beside worker thread 0 does instead of sleeping: while worker thread 0 is away, it looks now and then.
+    fn stand_by(&self, worker: usize) -> Led {
         let mut scheduler = locked(&self.scheduler);
         if scheduler.workers.is_resting(0) {
-            return self.leave(lane, scheduler);
+            return self.leave(worker, scheduler);
         }
-        scheduler.workers.end(lane);
+        scheduler.workers.end(worker);
         self.note_lead(&scheduler);
         Led::StandBy
     }
 
-    /// Spins until the lead is free, or goes to rest. While lane 0 leads asleep, it publishes what a GPU has under
-    /// way: lane 0 may have gone to sleep before this one left a frame there.
-    fn follow(&self, lane: usize) {
+    /// Spins until the lead is free, or goes to rest. While worker thread 0 leads asleep, it publishes what a GPU has under
+    /// way: worker thread 0 may have gone to sleep before this one left a frame there.
+    fn follow(&self, worker: usize) {
         // As in `pause`.
         fence(Ordering::SeqCst);
         let mut spinner = Spinner::default();
@@ -335,28 +335,28 @@ impl<'a> Lanes<'a> {
             look_at = now + SCHEDULER_LOOK;
             let mut scheduler = locked(&self.scheduler);
             let (sleep_at, workers) = (scheduler.sleep_at, &mut scheduler.workers);
-            let may_rest = now >= sleep_at || lane > 0 && workers.is_too_many(now);
-            if may_rest && workers.rest(lane) {
+            let may_rest = now >= sleep_at || worker > 0 && workers.is_too_many(now);
+            if may_rest && workers.rest(worker) {
                 drop(scheduler);
-                return self.rest(lane);
+                return self.rest(worker);
             }
         }
     }
 
-    /// Sleeps until another thread says that this one is wanted, or serves a frame for much longer than expected.
-    fn rest(&self, lane: usize) {
+    /// Sleeps until another thread says that this one is needed, or serves a frame for much longer than expected.
+    fn rest(&self, worker: usize) {
         let (mut served_before, mut until_look) = (0, RELIEF_LOOK);
         while !self.stop.load(Ordering::Relaxed) {
             std::thread::park_timeout(until_look);
             let mut scheduler = locked(&self.scheduler);
-            if !scheduler.workers.is_resting(lane)
-                || scheduler.workers.relieve(lane, Instant::now())
+            if !scheduler.workers.is_resting(worker)
+                || scheduler.workers.relieve(worker, Instant::now())
             {
                 return;
             }
             let served = scheduler.tasks;
             // The first of them looks up most often: all of a large machine would cost more than they are worth.
-            let turn = 1 + scheduler.workers.resting_before(lane) as u32;
+            let turn = 1 + scheduler.workers.resting_before(worker) as u32;
             until_look = if served == served_before {
                 LONGEST_SLEEP
             } else {
@@ -384,18 +384,18 @@ impl<'a> Lanes<'a> {
     }
 
     /// A request that this thread serves from now on; it leads no longer then.
-    fn next_task(&self, lane: usize) -> Option<Task> {
+    fn next_task(&self, worker: usize) -> Option<Task> {
         let mut scheduler = locked(&self.scheduler);
-        let task = scheduler.next(lane, Instant::now())?;
+        let task = scheduler.next(worker, Instant::now())?;
         self.note_lead(&scheduler);
         drop(scheduler);
-        if let Some(lane) = task.wake {
-            self.unpark(lane);
+        if let Some(worker) = task.wake {
+            self.unpark(worker);
         }
         Some(task)
     }
 
-    fn serve(&self, lane: usize, task: Task) {
+    fn serve(&self, worker: usize, task: Task) {
         let Task { incoming, beside, threads, has_turns, .. } = task;
         let first = Asked::of(&incoming);
         let (start, timer) = (Instant::now(), CpuTimer::start());
@@ -417,7 +417,7 @@ impl<'a> Lanes<'a> {
             let each = asked.iter().zip(&served);
             each.for_each(|(asked, served)| self.note(asked, served, took(served) / share));
         }
-        locked(&self.scheduler).note_served(lane, first.sender, has_turns, Instant::now());
+        locked(&self.scheduler).note_served(worker, first.sender, has_turns, Instant::now());
     }
 
     /// Notes what a request took of each thread that served it.
@@ -434,12 +434,12 @@ impl<'a> Lanes<'a> {
             let note = |client: &mut Client| client.last_work.note(asked.kind, work);
             self.responder.outbox.clients.of(asked.sender.session, note);
         }
-        locked(&self.scheduler).inbox.note_served(asked.sender, used);
+        locked(&self.scheduler).queue.note_served(asked.sender, used);
     }
 
-    fn unpark(&self, lane: usize) {
+    fn unpark(&self, worker: usize) {
         // One that has not begun yet does not sleep.
-        if let Some(thread) = self.threads[lane].get() {
+        if let Some(thread) = self.threads[worker].get() {
             thread.unpark();
         }
     }

@@ -9,7 +9,7 @@ use pairmask_transport::{
 };
 
 /// Forged requests that are kept, at most. A port has three requests at a time: one that forged as many
-/// is not heard of again until others did.
+/// is not received again until others did.
 const MOST_KEPT: usize = 48;
 
 #[derive(Debug)]
@@ -33,7 +33,7 @@ pub struct Intake {
     services: Arc<Services>,
     files: SegmentFiles,
     ports: Vec<Port>,
-    /// Forged requests. Dropping one would tell the client that it names that its request has no
+    /// Forged requests. Dropping one would inform the client that it names that its request has no
     /// server any more.
     forged: VecDeque<ActiveRequest>,
     early: Vec<ActiveRequest>,
