@@ -70,6 +70,29 @@ fn few_boxes_far_away_do_not_crowd_the_cells_of_all_others() {
     }
 }
 
+/// One box in a thousand of the sample may be the only one of its size: it hands no frame over.
+#[test]
+fn a_giant_among_far_rows_leaves_them_to_the_cells() {
+    let half = f32::MAX / 2.0;
+    let at = |i: u32| {
+        let (place, step) = ((i % 3) as f32 * 1e7, (i / 3) as f32);
+        Aabb::new(
+            [place + 0.5 * step, place, place],
+            [place + 0.5 * step + 1.0, place + 1.0, place + 1.0],
+        )
+    };
+    let mut boxes: Vec<Aabb> = (0..N).map(at).collect();
+    let (_, ordinary, _) = pairs_of(&boxes, EngineChoice::Auto);
+    for giant in 0..32u32 {
+        boxes[(7 + 613 * giant) as usize] = Aabb::new([-half; 3], [half; 3]);
+        let (engine, tests, pairs) = pairs_of(&boxes, EngineChoice::Auto);
+        let (_, _, same) = pairs_of(&boxes, EngineChoice::Only(EngineName::CpuTree));
+        assert!(pairs == same && engine != EngineName::CpuTree, "{engine}, {giant} giants");
+        let giants = u64::from(giant) + 1;
+        assert!(tests < 2 * ordinary + 2 * giants * u64::from(N), "{tests} tests, {ordinary}");
+    }
+}
+
 #[test]
 fn what_cells_do_not_part_is_handed_over_to_the_tree() {
     for name in CROWDED {

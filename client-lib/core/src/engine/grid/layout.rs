@@ -32,6 +32,11 @@ const STRIP_COLUMNS: f32 = 16.0;
 /// Cells are at least this much longer than the longest edge of their boxes, so that rounding
 /// seldom sends a box of that length to a coarser level.
 const CELL_MARGIN: f32 = 1.001;
+/// Looking at all boxes of a level, for each of them: lines of some sixteen cells, of which there are two a box, and
+/// full strips.
+const WHOLE_COST: f32 = 2.0 / 16.0 * (LINE_COST + STRIP_COST);
+/// Strips of a box from which it is one of the few large ones: an ordinary one takes 2 to 8.
+const MANY_STRIPS: f32 = 64.0;
 /// Most cells of all levels, for each box: 4 bytes a cell.
 const CELLS_A_BOX: f32 = 2.0;
 /// Cells that a level may have however few its boxes are.
@@ -57,6 +62,8 @@ pub(super) struct Layout {
     /// What a box takes by the model, in strips: 2 to 8 where cells part the boxes, 30 and far more where they do
     /// not.
     pub cost: f32,
+    /// Sizes of boxes, smallest first, each with a level.
+    classes: [Option<SizeClass>; 3],
     sample: Sample,
 }
 
@@ -72,6 +79,8 @@ pub(crate) fn size_classes(
 #[derive(Clone, Copy)]
 pub(crate) struct SizeClass {
     pub share: f32,
+    /// How many there are, about.
+    boxes: f32,
     /// Their mean edge on each axis.
     pub mean_edges: [f32; 3],
     /// Slightly more than their longest edge on each axis, the shortest edges of cells for them; above 0.
@@ -91,13 +100,13 @@ impl Layout {
 
     fn choose_levels(&mut self, boxes: &[Aabb]) {
         self.levels.clear();
-        (self.cell_count, self.cost) = (0, 0.0);
+        (self.cell_count, self.cost, self.classes) = (0, 0.0, [None; 3]);
         self.sample.take(boxes);
         let m = self.sample.boxes.len();
         if m > 0 {
             let density = self.sample.density();
             let groups = best_groups(&self.sample, &density);
-            self.cost = total_cost(groups);
+            (self.cost, self.classes) = (total_cost(groups), groups);
             for group in groups.into_iter().flatten() {
                 let boxes = group.share * m as f32 * self.sample.weight;
                 let axes = axes(&self.sample, group.cell_edges, boxes);
@@ -112,6 +121,32 @@ impl Layout {
             level.first_cell = self.cell_count;
             self.cell_count += level.cell_count();
         }
+    }
+
+    /// As [`cost`](Self::cost), where it does not hang on a few large boxes of the sample: one in a thousand sampled boxes
+    /// may be the only one of a million. Boxes that look at many others count as far as they are sure to be as many: by
+    /// two standard deviations less than in the sample.
+    pub fn sure_cost(&self) -> f32 {
+        let m = self.sample.boxes.len() as f32;
+        let mut rest = self.sample.boxes.as_slice();
+        let (mut sum, mut large_sum, mut large_count) = (0.0, 0.0, 0.0f32);
+        for (number, class) in self.classes.iter().flatten().enumerate() {
+            let count = (class.share * m).round() as usize;
+            let (these, larger) = rest.split_at(count.min(rest.len()));
+            rest = larger;
+            sum += these.len() as f32 * class.own_cost;
+            for b in these {
+                let finer = self.classes[..number].iter().flatten();
+                let across: f32 = finer.map(|fine| look_cost(&b.edges, fine)).sum();
+                if across > MANY_STRIPS {
+                    (large_sum, large_count) = (large_sum + across, large_count + 1.0);
+                } else {
+                    sum += across;
+                }
+            }
+        }
+        let sure = (1.0 - 2.0 / large_count.max(1.0).sqrt()).max(0.0);
+        (sum + sure * large_sum) / m.max(1.0)
     }
 
     fn append(&mut self, axes: [Axis; 3]) {
@@ -283,9 +318,10 @@ impl GroupModel<'_> {
 
     fn group(&self, cell_edges: [f32; 3]) -> SizeClass {
         let Self { share, mean_edges, least_edges, .. } = *self;
-        let occupancy = share * self.density.in_cell(cell_edges);
-        let own_cost = self.own_cost(cell_edges, occupancy);
-        SizeClass { share, mean_edges, least_edges, cell_edges, occupancy, own_cost }
+        // Where boxes are in few places, the density there says too much of long cells.
+        let occupancy = (share * self.density.in_cell(cell_edges)).min(self.boxes);
+        let (own_cost, boxes) = (self.own_cost(cell_edges, occupancy), self.boxes);
+        SizeClass { share, boxes, mean_edges, least_edges, cell_edges, occupancy, own_cost }
     }
 
     /// Cost of a box in its own level.
@@ -315,9 +351,16 @@ fn strips(columns: f32) -> f32 {
 
 /// Cost of a box of `coarse` in the level of `fine`.
 fn cross_cost(coarse: &SizeClass, fine: &SizeClass) -> f32 {
-    let cells = |axis: usize| 2.0 + coarse.mean_edges[axis] / fine.cell_edges[axis];
+    look_cost(&coarse.mean_edges, fine)
+}
+
+/// Cost of a box of these edges in the level of `fine`: at most that of all its cells.
+fn look_cost(edges: &[f32; 3], fine: &SizeClass) -> f32 {
+    let cells = |axis: usize| 2.0 + edges[axis] / fine.cell_edges[axis];
     let lines = cells(1) * cells(2);
-    LEVEL_COST + lines * (LINE_COST + STRIP_COST * strips(fine.occupancy * cells(0)))
+    let looks = lines * (LINE_COST + STRIP_COST * strips(fine.occupancy * cells(0)));
+    let all = fine.boxes * WHOLE_COST;
+    LEVEL_COST + looks.min(all)
 }
 
 /// Cells of some edges that the sampled boxes span on each axis.

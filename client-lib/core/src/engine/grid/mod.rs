@@ -78,7 +78,9 @@ impl Arrangement for Cells {
         isa: AvailableIsa,
     ) -> Result<Census, CullError> {
         self.layout.choose(boxes);
-        if may_hand_over && self.layout.cost > STRIPS_MOST {
+        let is_crowded =
+            |layout: &Layout| layout.cost > STRIPS_MOST && layout.sure_cost() > STRIPS_MOST;
+        if may_hand_over && is_crowded(&self.layout) {
             return Err(CullError::TooCrowded { engine: Self::NAME });
         }
         let Layout { levels, cell_count, .. } = &self.layout;
