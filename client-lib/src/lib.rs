@@ -95,7 +95,8 @@ use pairmask_transport as transport;
 #[cfg(not(feature = "daemon"))]
 use session::link as transport;
 
-/// Which boxes meet: filter data, filters and listed pairs. [`pairmask_core::filters`] has the rule and worked examples.
+/// Which boxes meet: filter data, filters and listed pairs. [`pairmask_core::filters`] has the rule, and its types have
+/// examples.
 pub mod filters {
     pub use pairmask_core::filters::{
         Filter, FilterData, FilterId, FilterTable, Owner, PairLists, Rules, World,

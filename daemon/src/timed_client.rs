@@ -96,7 +96,7 @@ impl Decoding {
                 indices = pairs.iter().fold(indices, |indices, [a, b]| indices ^ a ^ b);
             });
         }
-        // The compiler keeps the iterates over for it.
+        // The compiler keeps the iteration for it.
         black_box(indices);
         count
     }

@@ -54,7 +54,7 @@ typedef enum {
   PM_ERR_ARGUMENT = 1,
   PM_ERR_HANDLE = 2, // The handle is zero, was dropped, or is of another kind.
   PM_ERR_BUSY = 3, // Another call uses the handle: of another thread, or the one whose callback this is.
-  PM_ERR_STATE = 4, // The object cannot do that: boxes for spheres, a lease in a scene of one, no answer yet.
+  PM_ERR_STATE = 4, // The object cannot do that: boxes for spheres, a lease in a scene of one process, no answer yet.
   PM_ERR_PANIC = 5, // A bug of this library. The objects of the call cannot be used any more.
   PM_ERR_TOO_MANY_HANDLES = 6, // More live handles than there are ids.
 
@@ -329,7 +329,7 @@ typedef void (*pm_word_callback)(void *user, const pm_word *words, size_t count)
 typedef uint32_t pm_margins;
 #define PM_MARGINS_NONE 0 // Boxes have no margins.
 #define PM_MARGINS_EXACT 1 // Answers are those of the boxes as they were set.
-#define PM_MARGINS_NEAR 2 // Answers are those of the fat AABBs, near pairs too.
+#define PM_MARGINS_NEAR 2 // Answers are those of the inflated boxes, near pairs too.
 
 // Settings of a scene. Zeros mean that the library chooses.
 typedef struct {
@@ -504,7 +504,7 @@ pm_code pm_frame_submit(pm_frame frame, const pm_frame_options *options, pm_pend
 // Frames under way
 
 // Waits for the pairs, as long as the session's deadline allows. The handle names nothing any more, regardless of
-// is returned. With `PM_BACKEND_AUTO` no failure of the daemon is an error: this process answers then.
+// what is returned. With `PM_BACKEND_AUTO` no failure of the daemon is an error: this process answers then.
 pm_code pm_pending_wait(pm_pending pending, pm_mask *mask);
 
 // Waits for the pairs, at most so many nanoseconds; with 0 it polls. After `PM_ERR_TIMEOUT`, `PM_ERR_ARGUMENT`
@@ -587,8 +587,9 @@ pm_code pm_scene_set_enabled(pm_scene scene, pm_indices indices, bool on);
 // Makes boxes static (two static boxes are no pair) or not.
 pm_code pm_scene_make_static(pm_scene scene, pm_indices indices, bool is_static);
 
-// Gives boxes their filter data: one for each index. A box that is inserted has filter data of zeros. `is_static` of filter data
-// has no effect: see `pm_scene_make_static`. The arrays are read where they lie, until the edit is answered.
+// Gives boxes their filter data: one for each index. A box that is inserted has filter data of zeros. `is_static` of
+// filter data has no effect: see `pm_scene_make_static`. The arrays are read where they lie, until the edit is
+// answered.
 pm_code pm_scene_set_filter(pm_scene scene, pm_indices indices, const pm_filter_data *filter_data, size_t n);
 
 // The filters that filter data names, in place of all before. They are copied.
@@ -630,12 +631,12 @@ pm_code pm_scene_get(pm_scene scene, uint32_t index, pm_box *b);
 // Facts about a scene, whose answer stays as with `pm_scene_get`. Set `info->struct_size` first.
 pm_code pm_scene_get_info(pm_scene scene, pm_scene_info *info);
 
-// Asks which boxes of a scene some other boxes overlap. `filter_data` are null, or one for all, or one for each:
-// then only what may meet such filter data is found. `found` is set to pairs of a query's number and an index, by
-// query and then by index, as an array that lives until the scene is queried again, or dropped. The scene's
-// answer ends. A shared scene is asked as the last tick made it.
-pm_code pm_scene_query(pm_scene scene, const pm_box *boxes, size_t n, const pm_filter_data *filter_data, size_t filter_data_count,
-                       const pm_pair **found, size_t *count);
+// Asks which boxes of a scene some other boxes overlap. `filter_data` is null, so that boxes of all worlds are found,
+// or one for all queries, or one for each: then only what may meet such filter data is found. `found` is set to pairs
+// of a query's number and an index, by query and then by index, as an array that lives until the scene is queried
+// again, or dropped. The scene's answer ends. A shared scene is asked as the last tick made it.
+pm_code pm_scene_query(pm_scene scene, const pm_box *boxes, size_t n, const pm_filter_data *filter_data,
+                       size_t filter_data_count, const pm_pair **found, size_t *count);
 
 // Scenes that several processes write
 

@@ -308,7 +308,7 @@ public:
   }
 };
 
-// Collision filters of a frame, which a daemon gets once, or two sets: only pairs of one of the first
+// Either collision filters, which a daemon gets once, or two sets: then only pairs of one of the first
 // `split_at` boxes and one of the others count.
 struct FrameOptions {
   const Rules *filters = nullptr;
@@ -389,9 +389,11 @@ public:
   Result<Done> make_static(Indices indices, bool is_static) {
     return detail::done(pm_scene_make_static(get(), indices, is_static));
   }
+  // Gives boxes their filter data, one for each index: pm_scene_set_filter.
   Result<Done> filter_data(Indices indices, Span<const FilterData> filter_data) {
     return detail::done(pm_scene_set_filter(get(), indices, filter_data.data(), filter_data.size()));
   }
+  // The filters that filter data names, in place of all before: pm_scene_filter_table.
   Result<Done> filters(Span<const Filter> filters) {
     return detail::done(pm_scene_filter_table(get(), filters.data(), filters.size()));
   }
@@ -417,7 +419,8 @@ public:
     pm_scene_get_info(get(), &info);
     return info;
   }
-  // With no filter data, one for all queries, or one for each. What is found lives until the next query.
+  // Pairs of a query's number and an index. With no filter data, which finds boxes of all worlds, one for all queries,
+  // or one for each. What is found lives until the next query.
   Result<Span<const Pair>> query(Span<const Box> boxes, Span<const FilterData> filter_data = {}) {
     const Pair *found = nullptr;
     std::size_t count = 0;

@@ -96,8 +96,8 @@ impl SessionBuilder {
         self
     }
 
-    /// Most threads of a frame; all of the pool, a daemon's or this program's, unless set. A frame has those that shorten
-    /// it by enough for what they cost.
+    /// Most threads of a frame; unless set, all of the pool, a daemon's or this program's. A frame takes as many as
+    /// shorten it by enough for what they cost.
     pub fn threads(mut self, threads: usize) -> Self {
         self.settings.threads = Some(threads.max(1));
         self

@@ -130,7 +130,7 @@ pub enum Error {
     /// Not as much filter data as boxes.
     #[error("filter data of {filter_data} boxes for {n} boxes: give it for each box, or for none")]
     FilterData {
-        /// Filter data of the filters.
+        /// Boxes that have filter data.
         filter_data: usize,
         /// Boxes of the frame.
         n: u32,

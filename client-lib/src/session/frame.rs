@@ -47,8 +47,9 @@ pub enum Quantized {}
 /// What is asked of a frame beside its pairs: [`Frame::submit_with`].
 #[derive(Clone, Debug, Default)]
 pub struct FrameOptions {
-    /// Which boxes may be a pair at all: filter data by index of the boxes, a table of collision filters, and lists of
-    /// pairs. In boxes of several worlds, the pairs of each are [found by it](super::PairMask::pairs_of_world).
+    /// Which boxes may be a pair at all: filter data for each box of the frame or for none, a table of collision
+    /// filters, and lists of pairs. Where boxes are of several worlds, the mask has
+    /// [the pairs of each](super::PairMask::pairs_of_world).
     ///
     /// Those behind the same [`Arc`] are sent to a daemon once, and not looked at again. Filters that change are another
     /// [`Arc`] ([`Arc::make_mut`] makes one).

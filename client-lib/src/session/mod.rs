@@ -62,11 +62,11 @@ impl Session {
     /// the process's own. Its contents are unspecified: write every box.
     ///
     /// A daemon has three frames of a session at a time, in any mix of being filled, under way, and held as masks.
-    /// With [`Backend::Auto`] further ones are answered in process, unless the engine that was named needs a GPU; with [`Backend::Daemon`] they are
-    /// [`Error::TooManyFrames`].
+    /// With [`Backend::Auto`] further ones are answered in process, unless the engine that was named needs a GPU; with
+    /// [`Backend::Daemon`] they are [`Error::TooManyFrames`].
     ///
     /// # Errors
-    /// [`Error`]. With [`Backend::Auto`] a daemon that has exited or full is no error: the frame
+    /// [`Error`]. With [`Backend::Auto`] a daemon that has exited or is full is no error: the frame
     /// is then answered in process.
     pub fn frame(&mut self, n: usize) -> Result<Frame, Error> {
         Frame::new(&self.core, n, Written::by(&Precision::Exact), ())
@@ -132,7 +132,7 @@ impl Session {
     }
 
     /// A persistent scene: boxes stay from answer to answer, edits go in, changes of pairs come out.
-    /// A session may have any number of them.
+    /// A session may have any number of scenes.
     ///
     /// A daemon keeps the scene where the session has one; else the engines of this process do. Sessions
     /// in process use their instruction set and calibration. Threads are the session's unless `options`
@@ -186,15 +186,16 @@ impl Session {
     /// writers have committed, or at its deadline: then all edits are applied at once, and every member that has
     /// committed is answered. A writer that was late keeps its last boxes, and is
     /// [named](SceneAnswer::late). A member without leases only listens: its commits are empty, and nobody
-    /// waits for it. Answers do not depend on who committed first. The writer with the lowest lease may give the table
-    /// of filters; filter data, and lists of pairs of own boxes, every writer.
+    /// waits for it. Answers do not depend on who committed first. Only the writer with the lowest lease may give the
+    /// table of filters. Every writer may give filter data of its own boxes, and list pairs of them.
     ///
     /// The changes are a [resync](SceneAnswer::is_resync) at first, after the member has leased indices, after a long
     /// time without a commit, and where the daemon was restarted.
     ///
-    /// Dropped, the scene leaves. Its boxes are removed then, or kept, as the scene's terms say. Kept boxes are
-    /// those of who leases their indices next, who may set them; giving the lease back removes them, and so does a
-    /// member that has lost its membership and joins again, since it sends all boxes that it knows.
+    /// A member leaves when its [`Scene`] is dropped. Its boxes are removed then, or kept, as the scene's terms say
+    /// ([`SceneOptions::at_end`]). Kept boxes belong to the member that leases their indices next, which may set them;
+    /// giving the lease back removes them, and so does a member that has lost its membership and joins again, since it
+    /// sends all boxes that it knows.
     ///
     /// There is no shared scene in process: without a daemon this is an error, with any backend.
     ///

@@ -10,8 +10,8 @@ use super::settings::LONGEST_WAIT;
 /// [`SceneAnswer`](super::SceneAnswer). In process it is answered already.
 ///
 /// Dropped, the answer is discarded. An edit is applied all the same, and the next answer reports what this one would
-/// have reported. It holds one of the session's three slots for frames, and leaves that to the request that needs one next, which
-/// waits for the daemon's answer first where no other is free.
+/// have reported. It holds one of the session's three slots for frames, and leaves that to the request that needs one
+/// next, which waits for the daemon's answer first where no other is free.
 #[derive(Debug)]
 #[must_use = "a request is answered when it is waited for"]
 pub struct Pending<A: Answered> {

@@ -522,7 +522,7 @@ impl SharedFrame {
     /// the session sent, and dropped, before.
     #[allow(clippy::result_large_err)] // As above.
     pub fn send(self, header: &RequestHeader) -> Result<(SentRequest, Slot), Unsent> {
-        // `send` drops the memory when it fails, and it fails where the daemon has exited or new. The
+        // `send` drops the memory when it fails, and it fails where the daemon has exited or is new. The
         // connection is updated first, while the session still owns the boxes.
         if self.port.update_connections().is_err() || !self.slot.link.is_alive() {
             let memory = Some(UnsentMemory::Kept(self));

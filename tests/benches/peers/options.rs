@@ -18,7 +18,7 @@ use pairmaskd::scene::SceneName;
 ///
 /// Time of a frame: from the user's boxes to all pairs iterated over. For us: write the boxes into the
 /// session's memory (also a column of its own), submit, wait, decode. For the others: update from the
-/// boxes, then iterate over every pair. Visiting counts and sums. Sets of pairs are compared by themselves,
+/// boxes, then iterate over every pair. Iterating counts and sums. Sets of pairs are compared by themselves,
 /// untimed.
 #[derive(Debug, Parser)]
 #[command(

@@ -4,7 +4,7 @@
 //! Scene and peers make the same changes, in turns. In process they have the threads of this machine: a pool
 //! of which the calling thread is one, so that small edits do not wait for another to wake. `daemon` asks the
 //! instance of the environment, which is to be started first. Write: the arrays of indices and boxes in, the
-//! edit sent (in process: answered too); round trip: until the answer is there; iterate over: every change read,
+//! edit sent (in process: answered too); round trip: until the answer is there; iterate: every change read,
 //! and the answer taken; total: all of it. At a rate, frames of the scene are due at equal intervals, total
 //! counts from when one was due, and the peers follow at the same pace, one after the other.
 //!

@@ -53,7 +53,7 @@ pub enum Who {
 pub struct Line {
     pub who: Who,
     pub threads: usize,
-    /// Time of a whole frame, from the user's boxes to iterated over pairs, all frames.
+    /// Time of a whole frame, from the user's boxes to all pairs iterated over; all frames.
     pub frame: Spread,
     pub late: Spread,
     /// The part of `frame` that writes the boxes where they can be read; 0 for peers, whose update

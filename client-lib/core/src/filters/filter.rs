@@ -55,7 +55,7 @@ impl Filter {
         Self { group, ..self }
     }
 
-    /// The same, content with one mask of two.
+    /// The same, for which one mask of two is enough.
     #[must_use]
     pub const fn with_either(self, either: bool) -> Self {
         Self { either, ..self }

@@ -1,7 +1,7 @@
 //! Filters: which boxes may be a pair at all, regardless of their places.
 //!
 //! Each box carries a [`FilterData`]: its world, its owner, and a place in a scene's [table](FilterTable) of
-//! [filters](Filter). [`Rules`] decide of two boxes, in this order:
+//! [filters](Filter). [`Rules`] decide whether two boxes meet, in this order:
 //!
 //! 1. Boxes of different worlds never meet. [`World::ALL`] is in all of them.
 //! 2. A pair on the include list is reported.

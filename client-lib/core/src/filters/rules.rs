@@ -4,7 +4,7 @@ use super::filter_data::{FilterData, Owner, World};
 use super::pair_lists::{Listed, PairLists};
 use super::table::FilterTable;
 
-/// The filter data of boxes by index, and what decides of them.
+/// The filter data of boxes by index, and what decides whether they meet.
 ///
 /// ```
 /// use pairmask_core::filters::{Owner, Rules, FilterData, World};
@@ -20,7 +20,8 @@ use super::table::FilterTable;
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct Rules {
-    /// Filter data by index. An index beyond them has [`FilterData::default`].
+    /// Filter data by index. An index beyond it has [`FilterData::default`]. A frame's rules have filter data for each
+    /// box, or for none.
     pub filter_data: Vec<FilterData>,
     /// The filters that filter data names.
     pub table: FilterTable,

@@ -20,8 +20,8 @@ pub enum Report {
     /// Pairs that began and ended since the last answer that was acknowledged: by a session, waited for.
     #[default]
     Changes,
-    /// Pairs of now with at least one box that this edit named: that it set, enabled or disabled, made static or not, or gave
-    /// filter data, or that is in a pair which it listed, whether that changed anything or not; and those whose
+    /// Pairs of now with at least one box that this edit named: that it set, enabled or disabled, made static or not,
+    /// or gave filter data, or that is in a pair which it listed, whether that changed anything or not; and those whose
     /// filter is another one by the edit's new table. In a [shared scene](super::shared), boxes that the edit of any
     /// member named at a tick since the last answer that this member received, regardless of what that reported; all boxes
     /// where it has received none.

@@ -123,7 +123,7 @@ pub struct Sets<'a> {
 pub struct FilterDataSets<'a> {
     /// The indices.
     pub indices: Indices<'a>,
-    /// filter data for each.
+    /// Filter data for each.
     pub filter_data: &'a [FilterData],
 }
 
@@ -135,12 +135,12 @@ pub enum Step<'a> {
     Remove(Indices<'a>),
     /// Sets boxes; inserts those that are absent, enabled and not static.
     Set(Sets<'a>),
-    /// Switches boxes off (`false`: they overlap nothing and stay what they are) or on.
+    /// Disables boxes (`false`: they overlap nothing and stay what they are) or enables them.
     Enable(Indices<'a>, bool),
     /// Makes boxes static (`true`: two static boxes are no pair) or not.
     Static(Indices<'a>, bool),
-    /// Gives boxes their [filter data](crate::filters). A box that is inserted has [`FilterData::default`]. Whether a box
-    /// itself is static, [`Static`](Self::Static) says, and not its filter data.
+    /// Gives boxes their [filter data](crate::filters). A box that is inserted has [`FilterData::default`].
+    /// [`Static`](Self::Static) says whether a box itself is static, and not its filter data.
     FilterData(FilterDataSets<'a>),
     /// The filters that filter data names, in place of all before.
     Filters(&'a FilterTable),
@@ -282,7 +282,7 @@ impl<'a> Edit<'a> {
         }
     }
 
-    /// Switches and static flags, in the order given.
+    /// Enabled and static flags, in the order given.
     #[inline]
     pub(super) fn for_each_flag(&self, mut f: impl FnMut(u32, Flag)) {
         for step in self.steps {

@@ -173,8 +173,8 @@ impl SceneAnswer<'_> {
         self.source().pairs()
     }
 
-    /// Pairs of the whole scene, if the answer knows: [`Report::Moved`] and [`Report::Nothing`] do not. Of a shared scene,
-    /// regardless of the scope of this member's reports.
+    /// Pairs of the whole scene, if the answer knows: [`Report::Moved`] and [`Report::Nothing`] do not. Of a shared
+    /// scene, those of all members, regardless of the scope of this one's reports.
     pub fn pair_count(&self) -> Option<u64> {
         self.source().pair_count()
     }
@@ -194,7 +194,7 @@ impl SceneAnswer<'_> {
         self.by.engine
     }
 
-    /// The tick that the edit was part of, from 1; `None` but of a scene that several processes write.
+    /// The tick that the edit was part of, from 1; `None` unless several processes write the scene.
     pub fn tick(&self) -> Option<u64> {
         self.by.tick.as_ref().map(|tick| tick.number)
     }

@@ -25,12 +25,12 @@ use crate::session::unread::Awaited;
 /// [`pairmask_core::scene`] says what is reported. Made by [`Session::scene`](crate::Session::scene);
 /// it lives on without the session.
 ///
-/// Boxes may have [rules](crate::filters) of which others they meet: [`SceneEdit::filter_data`](super::SceneEdit::set_filter). They may have
-/// [margins](SceneOptions::margin): then only boxes that left theirs are sent.
+/// Boxes may have [rules](crate::filters) of which others they meet: [`SceneEdit::set_filter`](super::SceneEdit::set_filter).
+/// They may have [margins](SceneOptions::margin): then only boxes that left theirs are sent.
 ///
 /// A daemon keeps the scene where the session has one. This process keeps boxes and flags, 25 bytes an
-/// index and with filter data 12 more, and sends them again by itself where the daemon has lost them; where no daemon answers, it
-/// answers from them itself, if the [backend](crate::Backend) allows it. Then the next changes are a
+/// index and with filter data 12 more, and sends them again by itself where the daemon has lost them; where no daemon
+/// answers, it answers from them itself, if the [backend](crate::Backend) allows it. Then the next changes are a
 /// [resync](super::SceneAnswer::is_resync).
 pub struct Scene {
     pub(super) core: Arc<Core>,

@@ -148,7 +148,7 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
     }
 
     /// Gives a box its [filter data](pairmask_core::filters): its world, its owner and its filter. A box that is
-    /// inserted has [`FilterData::default`]. Whether a box itself is static, [`make_static`](Self::make_static) says, and
+    /// inserted has [`FilterData::default`]. [`make_static`](Self::make_static) says whether a box itself is static, and
     /// not its filter data.
     pub fn set_filter(self, index: u32, filter_data: FilterData) -> Self {
         self.scene.draft.filtered.push(index);

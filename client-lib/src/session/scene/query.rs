@@ -26,14 +26,14 @@ const SLICE: usize = 256;
 
 impl Scene {
     /// Asks which boxes of the scene some other boxes overlap: boxes, [points](Aabb::point), or what moving
-    /// boxes touch ([`Aabb::swept`]). Boxes that are disabled are not found.
+    /// boxes touch ([`Aabb::swept`]). Boxes that are disabled are not found; those of all worlds are.
     ///
     /// It asks the scene as the last edit made it, with the boxes as they were set, and changes nothing that edits
     /// report. Where the daemon has lost the scene, it is sent again. Of boxes with margins, the inflated ones are looked
     /// at first: their pairs have to fit the limits of an answer.
     ///
-    /// A shared scene is asked for the boxes of all members, regardless of the scope of this one's reports, as the last tick
-    /// made it: an edit that waits for the end of its tick is not part of it. Its queries need a daemon.
+    /// A shared scene is asked for the boxes of all members, regardless of the scope of this one's reports, as the last
+    /// tick made it: an edit that waits for the end of its tick is not part of it. Its queries need a daemon.
     ///
     /// ```
     /// use pairmask::{Aabb, Backend, Report, SceneOptions, Session};
@@ -58,8 +58,9 @@ impl Scene {
         self.query_filtered(boxes, QueryFilterData::None)
     }
 
-    /// Finds only what may meet boxes with filter data, or with one for each, by the scene's [filters](crate::filters) except
-    /// for the include and the exclude list.
+    /// Finds only what may meet boxes with the given filter data: one [`FilterData`](crate::filters::FilterData) for all
+    /// queries, or a slice with one for each. The scene's [filters](crate::filters) decide, except for the include and
+    /// the exclude list.
     ///
     /// # Errors
     /// [`Error`].

@@ -21,7 +21,7 @@ pub struct MujocoBodies<'a> {
     pub body_weld: &'a [u32],
     /// The parent of each body: `body_parentid`.
     pub body_parent: &'a [u32],
-    /// Whether parents and children may meet: the flag `filterparent` disabled.
+    /// Whether parents and children may meet: the flag `filterparent` is disabled.
     pub parents_meet: bool,
     /// Pairs of bodies of which no geoms meet: `<exclude>`.
     pub excluded_bodies: &'a [[u32; 2]],
