@@ -113,7 +113,7 @@ impl SessionBuilder {
 
     /// Whether a frame that is equal to the last one, bit by bit, gets that one's answer without an engine;
     /// `true` unless set. A paused game then costs a comparison of its boxes
-    /// ([`SkipMeter::is_repeat`](pairmask_core::engine::SkipMeter::is_repeat) reports). Measurements of engines set it
+    /// ([`SkipMeter::is_repeat`](pairmask_core::engine::SkipMeter::is_repeat) says so). Measurements of engines set it
     /// to `false`, or name an engine: a named engine always works.
     pub fn answer_repeats(mut self, answer_repeats: bool) -> Self {
         self.settings.answer_repeats = answer_repeats;

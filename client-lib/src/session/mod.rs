@@ -53,7 +53,7 @@ impl SessionBuilder {
 }
 
 impl Session {
-    /// Begins to describe a session.
+    /// Begins the description of a session; [`connect`](SessionBuilder::connect) makes the session.
     pub fn builder() -> SessionBuilder {
         SessionBuilder::default()
     }

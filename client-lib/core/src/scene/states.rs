@@ -1,5 +1,5 @@
 //! The state of each index of a scene, beside its box: one byte, whose bits are defined here for all that keep boxes.
-//! It reports which edits are right, which pairs may be, and why they end.
+//! It says which edits are right, which pairs may be, and why they end.
 
 use std::collections::TryReserveError;
 

@@ -179,7 +179,7 @@ impl QueryAnswer {
         self.iter().next().is_none()
     }
 
-    /// How many boxes were asked.
+    /// How many queries there were: one for each box that was given.
     pub const fn queries(&self) -> u32 {
         self.queries
     }
