@@ -40,7 +40,7 @@ def panel(scene, rows, left):
         yield f'<text x="{x(BODIES[0]) - 6}" y="{y(ms) + 4:.1f}" text-anchor="end">{ms:g} ms</text>'
     for bodies in BODIES:
         yield f'<text x="{x(bodies):.1f}" y="{HEIGHT - MARGIN + 16}" text-anchor="middle">{bodies:,}</text>'
-    for (of, name), points in rows.entries():
+    for (of, name), points in rows.items():
         if of == scene:
             path = " ".join(f"{x(bodies):.1f},{y(ms):.1f}" for bodies, ms in points)
             yield f'<polyline points="{path}" fill="none" stroke="{COLORS[name]}" stroke-width="2"/>'
@@ -55,7 +55,7 @@ def main():
     print(f'<rect width="{width}" height="{HEIGHT + 8}" fill="white"/>')
     for box_at, scene in enumerate(scenes):
         print("\n".join(panel(scene, rows, box_at * WIDTH)))
-    for box_at, (name, color) in enumerate(COLORS.entries()):
+    for box_at, (name, color) in enumerate(COLORS.items()):
         at = MARGIN + 150 * box_at
         print(f'<line x1="{at}" x2="{at + 20}" y1="{HEIGHT - 6}" y2="{HEIGHT - 6}" stroke="{color}" stroke-width="2"/>')
         print(f'<text x="{at + 26}" y="{HEIGHT - 2}">{name}</text>')

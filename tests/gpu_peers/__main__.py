@@ -71,7 +71,7 @@ def peer_rows(contender, files, options):
     command += ["--device", options.device, "--pairmaskd", options.pairmaskd]
     command += ["--frames", options.frames, "--warm-up", options.warm_up]
     command += ["--split-frames", options.split_frames]
-    command += [f"{scene}={path}" for (scene, _), path in files.entries()]
+    command += [f"{scene}={path}" for (scene, _), path in files.items()]
     done = subprocess.run(list(map(str, command)), check=False, stdout=subprocess.PIPE, text=True)
     rows = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
     measured = {(row["scene"], row["n"]) for row in rows}
@@ -86,7 +86,7 @@ def peer_rows(contender, files, options):
 def our_rows(pairmask, files, options):
     """All rows of ours, and the machine as `pairmaskd` names it; None where it answered none."""
     rows, found_machine = [], None
-    for (scene, n), boxes in files.entries():
+    for (scene, n), boxes in files.items():
         for ours in itertools.product(("daemon", "in-process"), options.decode_threads):
             name = report.our_name(*ours)
             found, row = our_row(pairmask, name, ours, scene, n, boxes, options)

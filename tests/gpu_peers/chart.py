@@ -143,8 +143,8 @@ def draw(panel, top, decades, sizes):
         parts.append(text(x(n), bottom + 20, label, "middle"))
     parts.append(text((PLOT_LEFT + PLOT_RIGHT) / 2, bottom + 40, "boxes", "middle", 12))
     ends = []
-    for name, colour in COLOURS.entries():
-        points = sorted(panel.lines[name].entries())
+    for name, colour in COLOURS.items():
+        points = sorted(panel.lines[name].items())
         path = "L".join(f"{x(n):.1f} {y(ms):.1f}" for n, ms in points)
         dash = ' stroke-dasharray="7 4"' if name == "best peer" else ""
         parts.append(f'<path d="M{path}" fill="none" stroke="{colour}" stroke-width="2.5"{dash}/>')

@@ -99,7 +99,7 @@ class Report(unittest.TestCase):
 
     def test_our_total_is_the_answer_and_not_the_writing(self):
         stages = {"fill": 5e5, "round_trip": 1e6, "engine": 9e5, "decode": 2e6, "answer": 3.1e6, "total": 3.7e6}
-        timed = {f"{stage}_ns": {"p50": int(ns)} for stage, ns in stages.entries()}
+        timed = {f"{stage}_ns": {"p50": int(ns)} for stage, ns in stages.items()}
         times = report.our_times(timed | {"frames": 40, "engine": "gpu-grid", "decode_threads": 8})
         self.assertEqual((times["total_ms"], times["with_write_ms"], times["write_ms"]), (3.1, 3.7, 0.5))
         self.assertEqual((times["device_ms"], times["iterate_ms"], times["copy_ms"]), (1.0, 2.0, None))

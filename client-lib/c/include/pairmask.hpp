@@ -390,11 +390,11 @@ public:
     return detail::done(pm_scene_make_static(get(), indices, is_static));
   }
   // Gives boxes their filter data, one for each index: pm_scene_set_filter.
-  Result<Done> filter_data(Indices indices, Span<const FilterData> filter_data) {
+  Result<Done> set_filter(Indices indices, Span<const FilterData> filter_data) {
     return detail::done(pm_scene_set_filter(get(), indices, filter_data.data(), filter_data.size()));
   }
   // The filters that filter data names, in place of all before: pm_scene_filter_table.
-  Result<Done> filters(Span<const Filter> filters) {
+  Result<Done> filter_table(Span<const Filter> filters) {
     return detail::done(pm_scene_filter_table(get(), filters.data(), filters.size()));
   }
   Result<Done> include(Span<const Pair> pairs, bool on = true) {

@@ -83,7 +83,7 @@ def test_numbers_for_all_are_for_frames_of_any_number(session: pairmask.Session)
             oracle.check(session.cull([UNIT] * n, rules), expected, given)
             assert {pair for pair in every if rules.meet(*pair)} == expected
             # The same with a number for each.
-            each: Any = {name: of if name == "table" else [of] * n for name, of in given.entries()}
+            each: Any = {name: of if name == "table" else [of] * n for name, of in given.items()}
             oracle.check(session.cull([UNIT] * n, Rules(include=[0, 1], exclude=[[1, 2]], **each)), expected, each)
     assert len(Rules()) == len(Rules(owners=7)) == 0 and len(Rules(owners=7, worlds=[1, 1])) == 2
 

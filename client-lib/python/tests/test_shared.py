@@ -20,7 +20,7 @@ def test_moved_pairs_and_queries_are_of_all_members(daemon: Daemon) -> None:
 
         def tick(moved: dict[int, object]) -> list[oracle.Pairs]:
             """Both members commit on this thread, neither waits before the other has submitted: what moved."""
-            for index, box in moved.entries():
+            for index, box in moved.items():
                 boxes[index] = box
             pending = []
             for at, scene in enumerate(scenes):

@@ -158,7 +158,7 @@ pub enum ServeError {
     Orphaned { supervisor: u32 },
     /// A process without a supervisor, or one that does not die, still has the server port.
     #[error(
-        "process {pid} ({name}) still serves instance '{instance}' and does not go: end it \
+        "process {pid} ({name}) still serves instance '{instance}' and does not exit: end it \
          (kill -9 {pid}) and serve again"
     )]
     Blocked { instance: InstanceName, pid: u32, name: String },

@@ -96,7 +96,7 @@ impl PyEdit {
     }
 
     /// The filters that filter data names, in place of all before.
-    fn filters<'py>(slf: Bound<'py, Self>, table: &PyFilterTable) -> Added<'py> {
+    fn filter_table<'py>(slf: Bound<'py, Self>, table: &PyFilterTable) -> Added<'py> {
         add(slf, Op::Filters(Arc::clone(&table.0)))
     }
 
