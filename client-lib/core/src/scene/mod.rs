@@ -95,8 +95,11 @@ const MANY_SHARE: usize = 6;
 const CELLS_AT_ONCE: usize = 4_096;
 
 /// A changed box that is looked around takes so long on one thread, ns: 1,000 of 100,000 take .42 ms, 10,000 of a
-/// million 8.
-const CHANGED_NS: f64 = 500.0;
+/// million 3.6 to 4.1.
+const CHANGED_NS: f64 = 400.0;
+/// Share of that which further threads do not shorten: boxes go from cell to cell on one. Passes over regions of cells
+/// side by side took longer on any number of threads up to 16.
+const CHANGED_SERIAL_SHARE: f64 = 0.2;
 /// A box of a scene that is culled as a whole: two to three times what a frame takes.
 const WHOLE_NS: f64 = 150.0;
 
@@ -301,7 +304,7 @@ impl Scene {
     /// [`SceneError::Edit`] for an edit that is wrong: nothing is applied, and the last answer stays.
     /// [`SceneError::Cull`] where all pairs are needed and cannot be found: the edit is applied.
     pub fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<&Reported, SceneError> {
-        self.threads = team::threads_for(edit_ns(self, edit, report), self.options.threads);
+        self.threads = edit_threads(self, edit, report);
         let _team = team::enter(self.threads);
         self.store.apply(edit, self.options.most_boxes, self.threads)?;
         self.is_open = false;
@@ -556,9 +559,14 @@ impl Scene {
     }
 }
 
-/// What an edit takes on one thread, about: it steers how many it gets.
-fn edit_ns(scene: &Scene, edit: Edit<'_>, report: Report) -> f64 {
+/// How many threads an edit gets.
+fn edit_threads(scene: &Scene, edit: Edit<'_>, report: Report) -> usize {
+    let asked = scene.options.threads;
     let (named, present) = (edit.boxes(), scene.store.states.present().max(edit.boxes()));
     let is_few = scene.cells.is_some() && named * MANY_SHARE <= present && report != Report::All;
-    if is_few { named as f64 * CHANGED_NS } else { present as f64 * WHOLE_NS }
+    if is_few {
+        team::threads_by_share(named as f64 * CHANGED_NS, CHANGED_SERIAL_SHARE, asked)
+    } else {
+        team::threads_for(present as f64 * WHOLE_NS, asked)
+    }
 }

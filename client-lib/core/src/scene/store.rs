@@ -1,11 +1,12 @@
 //! The states of a scene's boxes by the client's indices, as they are and as they were when the history began:
 //! box, and its [state](super::states).
 
-mod range;
+mod rising;
 
 use std::collections::HashMap;
 
-use super::edit::{Edit, Indices, Sets, Step};
+use self::rising::Rising;
+use super::edit::{Edit, Indices, Sets};
 use super::error::EditError;
 use super::fetch::ask_for;
 use super::huge_pages;
@@ -13,9 +14,9 @@ use super::rules::{FilteredBoxes, apply_rules};
 use super::states::{BoxStates, CHANGED, DISABLED, NAMED, PRESENT, STILL, grow, has_bit};
 use crate::aabb::Aabb;
 
-/// Sets in a list up to which their boxes are asked for before the first is made: they stay in a core's
-/// caches until then.
-const ASKED_MOST: usize = 8_192;
+/// Boxes that are asked for this many before they are set, where their indices are a list: so many misses of the caches
+/// overlap.
+const AHEAD: usize = 16;
 
 /// Whether two boxes are the same, bit by bit: floats would call a NaN changed each time, and −0
 /// unchanged, by flags.
@@ -98,17 +99,6 @@ impl Store {
         states.has(index, CHANGED).then(was)
     }
 
-    /// Asks for the boxes that an edit sets.
-    fn ask_ahead(&self, edit: Edit<'_>) {
-        for step in edit.steps {
-            if let Step::Set(Sets { indices: Indices::List(list), .. }) = step
-                && list.len() <= ASKED_MOST
-            {
-                list.iter().copied().for_each(|index| self.ask_for(index));
-            }
-        }
-    }
-
     #[inline]
     pub fn ask_for(&self, index: u32) {
         self.ask_for_box(index);
@@ -160,9 +150,8 @@ impl Store {
 
     /// The history begins anew.
     pub fn discard(&mut self) {
-        for index in self.changed.drain(..) {
-            self.states.clear(index, CHANGED);
-        }
+        self.states.clear_all(&self.changed, CHANGED);
+        self.changed.clear();
         self.refiltered.clear();
         if let Some(len) = self.states.discard() {
             // Of those that it named, some may have no place any more.
@@ -176,9 +165,8 @@ impl Store {
     }
 
     fn discard_edit(&mut self) {
-        for index in self.named.drain(..) {
-            self.states.clear(index, NAMED);
-        }
+        self.states.clear_all(&self.named, NAMED);
+        self.named.clear();
         self.ended.clear();
         self.is_changed = false;
     }
@@ -196,7 +184,6 @@ impl Store {
             grow(then, len, Aabb::EMPTY)?;
             grow(boxes, len, Aabb::EMPTY)
         })?;
-        self.ask_ahead(edit);
         edit.for_each_removed(|index| self.remove(index));
         self.set_all(edit, threads);
         apply_rules(edit, self);
@@ -206,11 +193,17 @@ impl Store {
     /// Sets the boxes of an edit that was checked.
     fn set_all(&mut self, edit: Edit<'_>, threads: usize) {
         for Sets { indices, boxes } in edit.sets() {
-            match *indices {
-                Indices::Range { first, .. } if Self::is_long(boxes) => {
-                    self.set_range(first, boxes, threads);
+            match (Rising::of(*indices, boxes.len()), *indices) {
+                (Some(rising), _) => self.set_rising(rising, boxes, threads),
+                (None, Indices::List(list)) => {
+                    for (at, (index, b)) in list.iter().zip(*boxes).enumerate() {
+                        if let Some(ahead) = list.get(at + AHEAD) {
+                            self.ask_for(*ahead);
+                        }
+                        self.set(*index, b);
+                    }
                 }
-                indices => indices.for_each(|at, index| self.set(index, &boxes[at])),
+                (None, indices) => indices.for_each(|at, index| self.set(index, &boxes[at])),
             }
         }
     }

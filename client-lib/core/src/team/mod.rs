@@ -28,7 +28,7 @@ use std::time::{Duration, Instant};
 use crate::spinner::Spinner;
 
 pub(crate) use parts::{Split, appended, for_each_in_parts, in_parts, part_count, zip_in_parts};
-pub(crate) use worth::{most_threads, threads_for, threads_worth, time_ns};
+pub(crate) use worth::{most_threads, threads_by_share, threads_for, threads_worth, time_ns};
 
 /// How long a helper of a small team waits for the next phase before it leaves, and is called again by the next: the
 /// serial parts of a frame take less, but for those of large scenes, during which it would burn a core. The frames of

@@ -20,15 +20,24 @@ const SHORT_NS: f64 = 400_000.0;
 
 /// Time on `threads` threads of what takes `one_ns` on one (Amdahl's law).
 pub(crate) fn time_ns(one_ns: f64, threads: usize) -> f64 {
+    time_by_share(one_ns, SERIAL_SHARE, threads)
+}
+
+fn time_by_share(one_ns: f64, serial_share: f64, threads: usize) -> f64 {
     let threads = threads.max(1) as f64;
-    one_ns * (SERIAL_SHARE + (1.0 - SERIAL_SHARE) / threads) + LATE_NS * (1.0 - 1.0 / threads)
+    one_ns * (serial_share + (1.0 - serial_share) / threads) + LATE_NS * (1.0 - 1.0 / threads)
 }
 
 /// Threads, at most `most`, that work of `one_ns` on one of them is worth.
 pub(crate) fn threads_worth(one_ns: f64, most: usize) -> usize {
+    worth_by_share(one_ns, SERIAL_SHARE, most)
+}
+
+fn worth_by_share(one_ns: f64, serial_share: f64, most: usize) -> usize {
+    let time_ns = |threads| time_by_share(one_ns, serial_share, threads);
     let worth = WORTH * (SHORT_NS / one_ns.max(SHORT_NS)).cbrt();
     let is_worth = |threads: usize| {
-        let (before, after) = (time_ns(one_ns, threads - 1), time_ns(one_ns, threads));
+        let (before, after) = (time_ns(threads - 1), time_ns(threads));
         // Threads that wait for each other spin.
         let cost = threads as f64 * after - (threads - 1) as f64 * before;
         before - after >= worth * cost
@@ -49,7 +58,13 @@ pub(crate) fn most_threads(asked: Option<usize>) -> usize {
 
 /// Threads that work of `one_ns` is worth, of those that may be used. Short work asks for no pool.
 pub(crate) fn threads_for(one_ns: f64, asked: Option<usize>) -> usize {
-    if threads_worth(one_ns, 2) == 1 { 1 } else { threads_worth(one_ns, most_threads(asked)) }
+    threads_by_share(one_ns, SERIAL_SHARE, asked)
+}
+
+/// The same for work of which further threads do not shorten another share.
+pub(crate) fn threads_by_share(one_ns: f64, serial_share: f64, asked: Option<usize>) -> usize {
+    let worth = |most| worth_by_share(one_ns, serial_share, most);
+    if worth(2) == 1 { 1 } else { worth(most_threads(asked)) }
 }
 
 #[cfg(test)]
