@@ -184,7 +184,7 @@ pub extern "C" fn pm_mask_for_each(
     user: *mut c_void,
 ) -> pm_code {
     iterate(mask, callback, user, |mask, iterate| {
-        mask.for_each_slice(|some| iterate(to_pairs(some)))
+        mask.for_each_slice(|some| iterate(to_pairs(some)));
     })
 }
 

@@ -81,6 +81,14 @@ impl Trial {
     }
 }
 
+/// Logs once for a connection that a frame is answered in process, because the daemon's response is an error or
+/// malformed.
+pub(super) fn say_refused(link: &Link, why: &ReplyError) {
+    if link.refuse() {
+        log::warn!("a frame is answered in process, and others may be: {why}");
+    }
+}
+
 /// The pause after a daemon did not answer for so many times in a row.
 fn pause_after(silences: u32) -> Duration {
     // A shift of more is far beyond the longest pause.
@@ -345,14 +353,6 @@ impl Core {
         if !reported.contains(&kind_of(why)) {
             reported.push(kind_of(why));
             log::warn!("frames are answered in process: {why}");
-        }
-    }
-
-    /// Logs once for a connection that a frame is answered in process, because the daemon's response is an error or
-    /// malformed.
-    pub(super) fn say_refused(&self, link: &Link, why: &ReplyError) {
-        if link.refuse() {
-            log::warn!("a frame is answered in process, and others may be: {why}");
         }
     }
 

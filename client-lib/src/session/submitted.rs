@@ -14,7 +14,7 @@ use pairmask_wire::{
     RulesNumber, RulesReader, RulesSections, StatusCode, page_count, words_in, world_ranges_in,
 };
 
-use super::core::Core;
+use super::core::{Core, say_refused};
 use super::error::{Error, Loss};
 use super::link::{CheckedResponse, Exchange, SharedFrame, loss_of};
 use super::pairs::{PairMask, ServedBy, Storage};
@@ -300,7 +300,7 @@ impl Sent {
         if !self.core.may_cull_here() {
             return Err(refused.into());
         }
-        self.core.say_refused(self.exchange.link(), &refused);
+        say_refused(self.exchange.link(), &refused);
         match self.cull_here() {
             // Only the daemon has the engine: its own error is the cause to report.
             Err(Error::Cull(CullError::Unavailable { .. })) => Err(refused.into()),

@@ -49,6 +49,9 @@ impl AnswerMemory {
 
 impl Exchange {
     /// Sends a request.
+    ///
+    /// # Errors
+    /// [`Unsent`].
     #[allow(clippy::result_large_err)] // The error holds the request, which a frame goes on with.
     pub fn begin(shared: SharedFrame, header: &RequestHeader) -> Result<Self, Unsent> {
         let at = Instant::now();

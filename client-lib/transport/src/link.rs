@@ -309,6 +309,9 @@ impl Link {
     }
 
     /// Memory for `bytes` bytes of objects, populated.
+    ///
+    /// # Errors
+    /// [`LinkError`].
     pub fn loan(self: &Arc<Self>, bytes: u64) -> Result<SharedFrame, LinkError> {
         SharedFrame::lend(Slot::take(self).ok_or(LinkError::TooManyFrames)?, bytes)
     }
@@ -486,6 +489,9 @@ impl Unsent {
 
 impl SharedFrame {
     /// Memory for `bytes` bytes, in the place of a frame.
+    ///
+    /// # Errors
+    /// [`LinkError`].
     pub fn lend(slot: Slot, bytes: u64) -> Result<Self, LinkError> {
         let pages = pages_of(bytes);
         let port = slot.link.port_for(pages)?;
@@ -495,6 +501,9 @@ impl SharedFrame {
 
     /// The frame in memory of so many bytes, with a copy of the first `used` bytes, where it has fewer.
     /// The error holds the frame where its memory is kept, for a caller that goes on with it.
+    ///
+    /// # Errors
+    /// [`LinkError`].
     #[allow(clippy::result_large_err)]
     pub fn enlarged(self, bytes: u64, used: u64) -> Result<Self, (LinkError, Option<Self>)> {
         let (pages, used) = (pages_of(bytes), pages_of(used));
@@ -520,6 +529,9 @@ impl SharedFrame {
 
     /// Sends the frame and wakes the daemon. Waits for room where the daemon has not yet received what
     /// the session sent, and dropped, before.
+    ///
+    /// # Errors
+    /// [`Unsent`].
     #[allow(clippy::result_large_err)] // As above.
     pub fn send(self, header: &RequestHeader) -> Result<(SentRequest, Slot), Unsent> {
         // `send` drops the memory when it fails, and it fails where the daemon has exited or is new. The

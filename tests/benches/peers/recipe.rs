@@ -16,7 +16,7 @@ pub struct Recipe {
     pub aspect: [f64; 3],
     pub turns: usize,
     /// Places that boxes stand in, and how far these lie apart.
-    pub slots: usize,
+    pub sites: usize,
     pub apart: f64,
     /// Share of the boxes that are flung away, and how far.
     pub flung_share: f64,
@@ -36,7 +36,7 @@ impl Recipe {
         long_share: 0.0,
         aspect: [1.0; 3],
         turns: 1,
-        slots: 1,
+        sites: 1,
         apart: 0.0,
         flung_share: 0.0,
         flung: 0.0,
@@ -65,7 +65,7 @@ impl Recipe {
                 self.aspect = [pick(&aspects), pick(&aspects[..3]), pick(&[1.0, 0.1, 0.001])];
                 self.turns = pick(&[1.0, 2.0, 3.0]) as usize;
             }
-            5 => self.slots = pick(&[1.0, 3.0, 50.0, 1_000.0]) as usize,
+            5 => self.sites = pick(&[1.0, 3.0, 50.0, 1_000.0]) as usize,
             6 => self.apart = pick(&[10.0, 1e3, 1e5, 1e7, 1e9]),
             7 => {
                 self.flung_share = pick(&[0.0, 0.001, 0.02, 0.1, 0.3]);
@@ -85,12 +85,12 @@ impl Recipe {
         let unit = |random: &mut Random| f64::from(random.unit());
         // Two cubes of edge 1 in a volume of V overlap with probability 8 / V.
         let side = |n: f64| (4.0 * n / self.density).powf(1.0 / self.axes as f64);
-        let side = side(n as f64 / self.slots as f64);
-        let slots: Vec<[f64; 3]> =
-            (0..self.slots).map(|_| [0; 3].map(|_| self.apart * unit(random))).collect();
+        let side = side(n as f64 / self.sites as f64);
+        let sites: Vec<[f64; 3]> =
+            (0..self.sites).map(|_| [0; 3].map(|_| self.apart * unit(random))).collect();
         let mut boxes: Vec<Aabb> = (0..n)
             .map(|i| {
-                let slot = slots[random.below(self.slots as u64) as usize];
+                let slot = sites[random.below(self.sites as u64) as usize];
                 let is_long = unit(random) < self.long_share;
                 let edge = 10f64.powf(-self.decades * unit(random));
                 let turn = i % self.turns;

@@ -69,7 +69,7 @@ impl Model {
                 Op::Enable(index, on) => self.with(*index, |body| body.is_on = *on),
                 Op::Static(index, on) => self.with(*index, |body| body.is_static = *on),
                 Op::FilterData(index, filter_data) => {
-                    self.with(*index, |body| body.filter_data = *filter_data)
+                    self.with(*index, |body| body.filter_data = *filter_data);
                 }
                 Op::Filters(filters) => {
                     let before = std::mem::replace(&mut self.filters, filters.clone());

@@ -253,7 +253,7 @@ fn a_daemon_that_is_killed_costs_no_frame() {
             assert_eq!(found.pairs, oracle::truth(&boxes).pairs, "frame {frames}");
             match served_by {
                 Some(requested) if requested != found.served_by => {
-                    assert!(Instant::now() < deadline)
+                    assert!(Instant::now() < deadline);
                 }
                 _ => return,
             }

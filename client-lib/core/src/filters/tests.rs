@@ -177,10 +177,10 @@ fn the_comparison_notices_each_rule_that_is_left_out() {
     type Mutation = fn(&mut Rules);
     let mutations: [(&str, Mutation); 7] = [
         ("worlds", |rules| {
-            rules.filter_data.iter_mut().for_each(|filter_data| filter_data.world = World(0))
+            rules.filter_data.iter_mut().for_each(|filter_data| filter_data.world = World(0));
         }),
         ("owners", |rules| {
-            rules.filter_data.iter_mut().for_each(|filter_data| filter_data.owner = Owner::NONE)
+            rules.filter_data.iter_mut().for_each(|filter_data| filter_data.owner = Owner::NONE);
         }),
         ("static boxes", |rules| {
             rules

@@ -295,7 +295,9 @@ impl BoxStates {
             // Without a look at each of them, in registers of many.
             self.bits.iter_mut().for_each(|own| *own &= !bits);
         } else {
-            indices.iter().for_each(|index| self.bits[*index as usize] &= !bits);
+            for index in indices {
+                self.bits[*index as usize] &= !bits;
+            }
         }
     }
 

@@ -30,7 +30,7 @@ use pairmask_wire::{
 
 use super::lists::FromDaemon;
 use super::sharing::{Asked as AskedOf, Before, Sharing, refusal};
-use crate::session::core::Core;
+use crate::session::core::{Core, say_refused};
 use crate::session::error::{Error, Loss};
 use crate::session::link::{Exchange, Link};
 use crate::session::local::Asked;
@@ -491,7 +491,7 @@ impl RemoteScene {
                 let _ = self.core.lose(&link, how);
             }
             (Error::Reply(refused), None) if !is_stale(error) && self.sharing.is_none() => {
-                self.core.say_refused(&link, refused);
+                say_refused(&link, refused);
                 self.stays_until = Some(Instant::now() + REFUSED_FOR);
             }
             _ => {}

@@ -197,7 +197,7 @@ mod tests {
                 assert_eq!(read, boxes);
                 match (filter_data, queries) {
                     (QueryFilterData::Each(filter_data), 1) => {
-                        assert_eq!(read_filter_data, QueryFilterData::One(filter_data[0]))
+                        assert_eq!(read_filter_data, QueryFilterData::One(filter_data[0]));
                     }
                     _ => assert_eq!(read_filter_data, filter_data),
                 }

@@ -80,12 +80,13 @@ impl Noted {
     }
 }
 
-/// Takes a part off the front of what is kept of indices from `end` on.
-fn split<'a, T>(rest: &mut &'a mut [T], end: usize, part: &std::ops::Range<usize>) -> &'a mut [T] {
-    let (_, from) = std::mem::take(rest).split_at_mut(part.start - end);
-    let (part, later) = from.split_at_mut(part.len());
-    *rest = later;
-    part
+/// What is kept of indices from `first` on: that of a range of them, and that of those behind it.
+fn split<'a, T>(
+    all: &'a mut [T],
+    first: usize,
+    range: &std::ops::Range<usize>,
+) -> (&'a mut [T], &'a mut [T]) {
+    all[range.start - first..].split_at_mut(range.len())
 }
 
 impl Store {
@@ -98,18 +99,18 @@ impl Store {
         self.changed.resize(changed_before + set.len(), 0);
         let named = self.named[named_before..].chunks_mut(step);
         let changed = self.changed[changed_before..].chunks_mut(step);
-        let (mut boxes, mut then) = (self.boxes.as_mut_slice(), self.then.as_mut_slice());
-        let (mut bits, mut end) = (self.states.bits_mut(), 0);
+        let mut rest =
+            (self.boxes.as_mut_slice(), self.then.as_mut_slice(), self.states.bits_mut(), 0);
         let mut work = Vec::with_capacity(parts);
         for ((start, set), (named, changed)) in
             (0..).step_by(step).zip(set.chunks(step)).zip(named.zip(changed))
         {
             let indices = indices.part(start, set.len());
             let part = indices.at(0) as usize..indices.at(set.len() - 1) as usize + 1;
-            let boxes = split(&mut boxes, end, &part);
-            let then = split(&mut then, end, &part);
-            let bits = split(&mut bits, end, &part);
-            end = part.end;
+            let (boxes, later_boxes) = split(rest.0, rest.3, &part);
+            let (then, later_then) = split(rest.1, rest.3, &part);
+            let (bits, later_bits) = split(rest.2, rest.3, &part);
+            rest = (later_boxes, later_then, later_bits, part.end);
             work.push(Part { indices, set, boxes, then, bits, named, changed });
         }
         let run = |work: &mut [Part<'_>]| {
@@ -241,7 +242,8 @@ mod tests {
                 let mut some: Vec<u32> = (0..LONG).map(|i| 2 * i + i % 2).collect();
                 let mut set = boxes(LONG, 9 * tick);
                 if steps.as_ptr() == edits[2].as_ptr() {
-                    (some.reverse(), set.reverse());
+                    some.reverse();
+                    set.reverse();
                 }
                 let gaps = [Step::Set(Sets { indices: (&some).into(), boxes: &set })];
                 assert_eq!(store.apply(Edit { steps: &gaps }, 1 << 20, threads), Ok(()));
