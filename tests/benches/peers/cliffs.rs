@@ -180,7 +180,7 @@ fn measure(
         }
     }
     // The last frame of both, pair by pair.
-    let answer = engines.cull(&boxes, &options, &mut reply).map_err(|e| e.to_string())?;
+    let Ok(answer) = engines.cull(&boxes, &options, &mut reply) else { return Ok(None) };
     let mask = MaskView::new(count, &answer.report.shape, reply.words());
     let mut pairs = mask.map_err(|e| e.to_string())?.to_vec();
     pairs.sort_unstable();

@@ -148,7 +148,7 @@ fn a_client_that_is_ended_is_awaited_for_a_moment_only() {
 }
 
 #[test]
-fn clients_of_differing_rhythms_are_all_awaited() {
+fn clients_of_differing_paces_are_all_awaited() {
     let clients =
         [paced(60, 600, 20 * US, 1), paced(90, 900, 20 * US, 2), paced(30, 300, 20 * US, 3)];
     let played = play(&mut Pacing::default(), Instant::now(), &together(&clients));

@@ -14,7 +14,7 @@ use crate::team::{self, for_each_in_parts, in_parts, part_count};
 use crate::units::{BoxCount, PairIndex};
 
 /// Words of a mask, or pairs of a list, of a task, at least: some 20 µs.
-const TASK_ITEMS: usize = 4_096;
+const TASK_ENTRIES: usize = 4_096;
 const BLOCK: u32 = 32;
 
 /// Takes the pairs out of masks that rules part, in place. What it allocates is kept for the next.
@@ -179,7 +179,7 @@ impl Masked<'_> {
 
     /// Clears bits of a dense mask. Returns the pairs that are left.
     fn dense(&self, n: BoxCount, words: &mut [u32], threads: usize) -> u64 {
-        let parts = part_count(words.len(), TASK_ITEMS, threads);
+        let parts = part_count(words.len(), TASK_ENTRIES, threads);
         let step = words.len().div_ceil(parts).max(1);
         let mut work: Vec<(usize, &mut [u32])> =
             words.chunks_mut(step).enumerate().map(|(at, words)| (at * step, words)).collect();
@@ -228,7 +228,7 @@ impl Masked<'_> {
     /// Clears bits of a sparse mask, and takes words out that have none left. Returns how many words and
     /// pairs are left.
     fn sparse(&self, [rows, blocks, bits]: [&mut [u32]; 3], threads: usize) -> (u64, u64) {
-        let parts = part_count(rows.len(), TASK_ITEMS, threads);
+        let parts = part_count(rows.len(), TASK_ENTRIES, threads);
         let step = rows.len().div_ceil(parts).max(1);
         let chunks = blocks.chunks_mut(step).zip(bits.chunks_mut(step));
         let chunks = rows.chunks_mut(step).zip(chunks);
@@ -259,7 +259,7 @@ impl Masked<'_> {
 
     /// Takes pairs out of a list. Returns how many are left.
     fn list(&self, pairs: &mut [[u32; 2]], threads: usize) -> u64 {
-        let parts = part_count(pairs.len(), TASK_ITEMS, threads);
+        let parts = part_count(pairs.len(), TASK_ENTRIES, threads);
         let step = pairs.len().div_ceil(parts).max(1);
         let part = |entries| Part { entries, kept: 0, pairs: 0 };
         let mut work: Vec<Part<&mut [[u32; 2]]>> = pairs.chunks_mut(step).map(part).collect();

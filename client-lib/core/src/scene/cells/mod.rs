@@ -368,7 +368,7 @@ impl Cells {
     }
 }
 
-/// Notes that a slot with a word has gone from one place to another.
+/// Notes that a slot with a word has moved from one position to another.
 #[inline]
 fn note_position(positions: &mut [u32], ghosts: &mut Ghosts, word: u32, from: u32, to: u32) {
     let position = &mut positions[(word & INDEX) as usize];

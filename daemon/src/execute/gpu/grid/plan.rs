@@ -23,7 +23,7 @@ const OTHER_ROUNDS: u32 = 16 * GRID_LEVELS;
 const BUDGET: u32 = 1 << 14;
 
 /// Items for each box that a reply has room for; a scene that had more last time gets more.
-const ITEMS_A_BOX: u64 = 2;
+const ENTRIES_A_BOX: u64 = 2;
 
 /// Words of a pair in a list.
 const PAIR_WORDS: u64 = 2;
@@ -138,7 +138,7 @@ impl Capacity {
     /// Two items a box, or a quarter more than the last frame had; `room` at the most.
     pub fn expected(n: BoxCount, found: Found, last_entries: u64, room: u64) -> Self {
         let boxes = u64::from(n.get());
-        let requested = (ITEMS_A_BOX * boxes).max(last_entries + last_entries / 4);
+        let requested = (ENTRIES_A_BOX * boxes).max(last_entries + last_entries / 4);
         // Whole pages' worth, so that a slowly growing scene does not record a frame anew each time.
         let rounded = requested.next_multiple_of(boxes.next_power_of_two().max(1024));
         Self { found, entries: rounded.min(most_entries(n, found)).min(room).max(1) }
