@@ -168,7 +168,7 @@ impl<T: Send + 'static> DriverThread<T> {
         let (ask, asked) = sync_channel(1);
         let (report, done) = sync_channel(1);
         let thread = std::thread::Builder::new().name(name.into()).spawn(move || {
-            // Dropped last: who learns of a panic asks in vain.
+            // Dropped last: where its other end sees a panic, asking already fails.
             let report = report;
             let asked = asked;
             loop {
