@@ -7,6 +7,7 @@ use pairmask_core::filters::{FilterData, FilterId, Owner, Rules, World};
 use pairmask_core::scene::{Scene, between};
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::Received;
+use pairmaskd::scene::{Random, Scene as Boxes, SceneName};
 
 const N: u32 = 20_000;
 const SEED: u64 = 3;
@@ -67,6 +68,34 @@ fn few_boxes_far_away_do_not_crowd_the_cells_of_all_others() {
         assert!(pairs == swept, "{name}");
         // A box that covers the scene is compared with every box.
         assert!(tests < 2 * ordinary + 2 * u64::from(N), "{name}: {tests} tests, {ordinary}");
+    }
+}
+
+/// A share of the boxes flung away, to places at any distance or through the floor.
+#[test]
+fn boxes_flung_away_by_the_thousand_are_parted_too() {
+    let grid = EngineChoice::Only(EngineName::CpuGrid);
+    let ordinary = Boxes::new(SceneName::Mixed, N as usize, SEED).boxes().to_vec();
+    let (_, few, _) = pairs_of(&ordinary, grid);
+    for share in [0.02, 0.1, 0.3] {
+        for reach in [1e4, 1e6, 1e9, 1e30f32] {
+            for axes in [[1.0; 3], [0.0, 0.0, 1.0]] {
+                let mut random = Random::new(SEED);
+                let mut boxes = ordinary.clone();
+                for b in &mut boxes {
+                    let to = [0, 1, 2].map(|axis| axes[axis] * reach * (random.unit() - 0.5));
+                    if random.unit() < share {
+                        b.min = [0, 1, 2].map(|axis| b.min[axis] + to[axis]);
+                        b.max = [0, 1, 2].map(|axis| b.max[axis] + to[axis]);
+                    }
+                }
+                let (_, tests, pairs) = pairs_of(&boxes, grid);
+                let (_, _, swept) = pairs_of(&boxes, EngineChoice::Only(EngineName::CpuSap));
+                let case = format!("{share} flung by {reach} along {axes:?}");
+                assert!(pairs == swept, "{case}");
+                assert!(tests < 2 * few, "{case}: {tests} tests, {few} before");
+            }
+        }
     }
 }
 
@@ -133,32 +162,58 @@ fn filters_hold_in_frames_that_are_handed_over() {
     }
 }
 
-/// A scene's pairs as its reports of changes add up, and what its edits tested.
+/// Holds the pairs of a scene, as its reports of changes add up, to those of its boxes, and what each of its edits tests
+/// to some number for each box of the scene.
+fn check_edits(name: &str, mut boxes: Vec<Aabb>, tests_a_box: u64) {
+    let mut scene = Scene::new(SceneOptions::default().with_threads(1));
+    let mut known = BTreeSet::<Pair>::new();
+    for turn in 0..12u32 {
+        let moved: Vec<u32> = (0..N).filter(|i| turn == 0 || i % 50 == turn).collect();
+        let mut set = Vec::new();
+        for index in &moved {
+            let b = &mut boxes[*index as usize];
+            for axis in 0..2 {
+                b.min[axis] += 0.25;
+                b.max[axis] += 0.25;
+            }
+            set.push(*b);
+        }
+        let steps = [sets(moved.as_slice(), &set)];
+        let reported = scene.edit(Edit { steps: &steps }, Report::Changes).expect("an edit");
+        Received::from(reported).teach(&mut known);
+        let tested = reported.skipped().tested;
+        // The first edits cull.
+        let most = if turn < 3 { tests_a_box.max(1_000) } else { tests_a_box };
+        assert!(tested < most * u64::from(N), "{name}, turn {turn}: {tested} tests");
+        scene.acknowledge();
+        let (_, _, expected) = pairs_of(&boxes, EngineChoice::Auto);
+        assert!(known.iter().eq(&expected), "{name}, turn {turn}");
+    }
+}
+
 #[test]
 fn edits_of_crowded_scenes_cost_no_more_than_a_cull_and_report_each_change_once() {
     for name in CROWDED {
-        let mut boxes = stress_scenes::named(name).boxes(N, SEED);
-        let mut scene = Scene::new(SceneOptions::default().with_threads(1));
-        let mut known = BTreeSet::<Pair>::new();
-        for turn in 0..12u32 {
-            let moved: Vec<u32> = (0..N).filter(|i| turn == 0 || i % 50 == turn).collect();
-            let mut set = Vec::new();
-            for index in &moved {
-                let b = &mut boxes[*index as usize];
-                for axis in 0..2 {
-                    b.min[axis] += 0.25;
-                    b.max[axis] += 0.25;
+        check_edits(name, stress_scenes::named(name).boxes(N, SEED), 1_000);
+    }
+}
+
+/// Boxes of many lengths in a plane or in space, some of which were flung away: to any place, or to others near them.
+#[test]
+fn edits_test_few_boxes_where_others_were_flung_away() {
+    for height in [0.3f32, 70.0] {
+        for (share, middle, reach) in [(0.0, 0.0, 0.0), (0.1, 1e5f32, 1e3f32), (0.3, 0.0, 1e9)] {
+            let mut random = Random::new(SEED);
+            let boxes = (0..N).map(|_| {
+                let edge = 10f32.powf(-2.0 * random.unit());
+                let mut min = [70.0, 70.0, height].map(|side| side * random.unit());
+                if random.unit() < share {
+                    min = [0; 3].map(|_| middle + reach * (random.unit() - 0.5));
                 }
-                set.push(*b);
-            }
-            let steps = [sets(moved.as_slice(), &set)];
-            let reported = scene.edit(Edit { steps: &steps }, Report::Changes).expect("an edit");
-            Received::from(reported).teach(&mut known);
-            let tested = reported.skipped().tested;
-            assert!(tested < 1_000 * u64::from(N), "{name}, turn {turn}: {tested} tests");
-            scene.acknowledge();
-            let (_, _, expected) = pairs_of(&boxes, EngineChoice::Auto);
-            assert!(known.iter().eq(&expected), "{name}, turn {turn}");
+                Aabb::new(min, min.map(|x| x + edge))
+            });
+            let name = format!("height {height}, {share} flung by {middle} and {reach}");
+            check_edits(&name, boxes.collect(), 2);
         }
     }
 }

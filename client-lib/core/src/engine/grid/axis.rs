@@ -40,6 +40,8 @@ pub(crate) struct Axis {
     low: f32,
     high: f32,
     fold: i32,
+    /// Cell numbers between which the min of a box of a level lies.
+    beyond: [i32; 2],
     /// Cells that the axis is folded into.
     pub cell_count: u32,
     /// Whether cells may coincide that are far apart, so that the last one has the first one as
@@ -55,6 +57,7 @@ impl Axis {
         low: 0.0,
         high: 0.0,
         fold: -1,
+        beyond: [i32::MIN, i32::MAX],
         cell_count: 1,
         wraps: false,
     };
@@ -74,10 +77,30 @@ impl Axis {
             low: -CELL_LIMIT,
             high: CELL_LIMIT,
             fold: cell_count as i32 - 1,
+            // What lies beyond is of another level: the outermost cells would have all of it.
+            beyond: [-(CELL_LIMIT as i32), CELL_LIMIT as i32],
             cell_count,
             wraps: cell_count > 1,
             ..Self::with_edge(start, edge)
         }
+    }
+
+    /// One cell for all whose min is about in `near`, however long it is.
+    pub fn whole_of([low, high]: [f32; 2]) -> Self {
+        Self {
+            low: -1.0,
+            high: 1.0,
+            fold: 0,
+            beyond: [-1, 1],
+            ..Self::with_edge(low, (high - low).max(f32::MIN_POSITIVE))
+        }
+    }
+
+    /// The same cells for boxes whose min is about in `near`: others are not of the level.
+    pub fn only(self, [low, high]: [f32; 2]) -> Self {
+        let [least, most] = self.beyond;
+        let beyond = [(self.cell(low) - 1).max(least), (self.cell(high) + 1).min(most)];
+        Self { beyond, ..self }
     }
 
     fn with_edge(start: f32, edge: f32) -> Self {
@@ -106,6 +129,21 @@ impl Axis {
         (clamped + ROUND).to_bits() as i32 - ROUND.to_bits() as i32
     }
 
+    /// Whether a box from one cell number to another may be of a level: it spans two cells at most, and its min is not
+    /// beyond.
+    #[inline(always)]
+    pub fn takes(&self, low: i32, high: i32) -> bool {
+        let is_within = (low > self.beyond[0]) as u8 & (low < self.beyond[1]) as u8;
+        (high - low <= 1) as u8 & is_within != 0
+    }
+
+    /// Whether a box with these cell numbers overlaps no box of a level, since mins there are not beyond, and
+    /// maxes at most a cell further.
+    #[inline(always)]
+    pub fn is_beyond(&self, [low, high]: [i32; 2]) -> bool {
+        high <= self.beyond[0] || low > self.beyond[1]
+    }
+
     /// The cell of the table that a cell number is folded into.
     #[inline(always)]
     pub fn fold(&self, cell: i32) -> u32 {
@@ -124,6 +162,8 @@ mod tests {
             for edge in [0.0, 1e-45, 1e-3, 1.0, 1.0e30, f32::MAX, f32::INFINITY] {
                 axes.push(Axis::clamped(start, edge, 17));
                 axes.push(Axis::wrapped(start, edge, 16));
+                axes.push(Axis::wrapped(start, edge, 16).only([-1.0, 2.0]));
+                axes.push(Axis::whole_of([start, start + edge]));
             }
         }
         axes
@@ -154,6 +194,34 @@ mod tests {
             let cells: Vec<_> = around.map(|x| axis.cell(x)).collect();
             assert!(cells.is_sorted(), "{border}: {cells:?}");
         }
+    }
+
+    #[test]
+    fn no_box_of_a_level_overlaps_what_is_beyond() {
+        let ends = [f32::NEG_INFINITY, f32::MIN, -1e6, -1.0, -0.1, 0.0, 0.7, 1.0, 2.5, 40.0, 1e9];
+        let boxes: Vec<[f32; 2]> = ends
+            .iter()
+            .flat_map(|low| ends.map(|high| [*low, high]))
+            .chain(ends.map(|low| [low, f32::INFINITY]))
+            .filter(|[low, high]| low <= high)
+            .collect();
+        let numbers = |axis: &Axis, b: &[f32; 2]| b.map(|x| axis.cell(x));
+        let mut skipped = 0;
+        for axis in axes() {
+            for of_level in &boxes {
+                let [low, high] = numbers(&axis, of_level);
+                if !axis.takes(low, high) {
+                    continue;
+                }
+                for b in &boxes {
+                    let is_beyond = axis.is_beyond(numbers(&axis, b));
+                    skipped += u32::from(is_beyond);
+                    let overlaps = b[0] <= of_level[1] && of_level[0] <= b[1];
+                    assert!(!(is_beyond && overlaps), "{axis:?}: {b:?} {of_level:?}");
+                }
+            }
+        }
+        assert!(skipped > 100, "{skipped} cases");
     }
 
     #[test]

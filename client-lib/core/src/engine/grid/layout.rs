@@ -112,7 +112,13 @@ impl Layout {
                 let axes = axes(&self.sample, group.cell_edges, boxes);
                 self.append(axes);
             }
-            self.append_spares();
+            // Before spare levels, which are many.
+            let far = far_axes(&mut self.sample);
+            let spares_after = self.levels.last().map_or([1.0; 3], |l| l.axes.map(|a| a.edge()));
+            if let Some(axes) = far {
+                self.append(axes);
+            }
+            self.append_spares(spares_after);
         }
         self.append(Level::EVERYTHING.axes);
         // Coarse levels come first in the order of positions, because their boxes are the rows of
@@ -154,8 +160,7 @@ impl Layout {
     }
 
     /// Coarser levels for the few boxes that are larger than any that the sample saw.
-    fn append_spares(&mut self) {
-        let mut edges = self.levels.last().map_or([1.0; 3], |level| level.axes.map(|a| a.edge()));
+    fn append_spares(&mut self, mut edges: [f32; 3]) {
         for _ in 0..SPARE_MOST {
             edges = edges.map(|e| e * SPARE_GROWTH);
             if (0..3).all(|axis| edges[axis] >= self.sample.extent[axis]) {
@@ -383,10 +388,23 @@ fn axes(sample: &Sample, edges: [f32; 3], boxes: f32) -> [Axis; 3] {
     }
     // Too wide for a table, or boxes lie where it ends, which would crowd its last cells.
     // A spare level has none of the sampled boxes.
-    let mins = sample.mins().take(if boxes > 0.0 { usize::MAX } else { 0 });
+    let mins = sample.near_mins().take(if boxes > 0.0 { usize::MAX } else { 0 });
     let (counts, middle) = (folded(mins, edges, counts, limit), sample.middle());
-    std::array::from_fn(|axis| match counts[axis] {
-        1 => Axis::WHOLE,
-        count => Axis::wrapped(middle[axis], edges[axis], count),
+    std::array::from_fn(|axis| {
+        // Folded, or into a cell of its own, what lies far away would crowd the others.
+        match (counts[axis], sample.near_on(axis, edges[axis])) {
+            (1, None) => Axis::WHOLE,
+            (1, Some(near)) => Axis::whole_of(near),
+            (count, None) => Axis::wrapped(middle[axis], edges[axis], count),
+            (count, Some(near)) => Axis::wrapped(middle[axis], edges[axis], count).only(near),
+        }
     })
+}
+
+/// Axes of a level for boxes that lie far from all others, where the sample has some.
+fn far_axes(sample: &mut Sample) -> Option<[Axis; 3]> {
+    let far = sample.far()?;
+    let limit = (CELLS_A_BOX * far.count).clamp(CELLS_LEAST, CELLS_MOST);
+    let (edges, counts) = far.cells(CELL_MARGIN, limit);
+    Some(std::array::from_fn(|axis| Axis::wrapped(far.middle[axis], edges[axis], counts[axis])))
 }

@@ -22,7 +22,7 @@ impl Level {
     }
 
     /// The home cell (in the table) and reach of a box, or `None` where it spans more than two
-    /// cells on some axis, so that it is not of this level.
+    /// cells on some axis, or lies beyond them, so that it is not of this level.
     pub fn home(&self, min: [f32; 3], max: [f32; 3]) -> Option<(u32, Reach)> {
         let (cell, reach, fits) = self.cell_of(min, max);
         fits.then_some((cell, reach))
@@ -36,7 +36,7 @@ impl Level {
         let mut fits = true;
         for axis in 0..3 {
             let (low, high) = (self.axes[axis].cell(min[axis]), self.axes[axis].cell(max[axis]));
-            fits &= high - low <= 1;
+            fits &= self.axes[axis].takes(low, high);
             reach |= ((high != low) as u8) << axis;
             cells[axis] = self.axes[axis].fold(low);
         }

@@ -73,7 +73,7 @@ fn neighbour(axis: &Axis, cell: u32, step: i32) -> Option<u32> {
 /// Folded cells `low..=high` of an axis, as two ranges of rising cells; the second may be empty.
 pub(super) fn folded(axis: &Axis, low: i32, high: i32) -> [Range<u32>; 2] {
     let count = axis.cell_count;
-    if !axis.wraps {
+    if !axis.wraps && count > 1 {
         // Clamped cells lie in the table but for the one below the first.
         return [low.max(0) as u32..(high + 1).clamp(0, count as i32) as u32, 0..0];
     }

@@ -14,15 +14,12 @@ use crate::aabb::coordinate;
 use crate::engine::gather::Gather;
 use crate::engine::strips::{GROUP, RowBlock, StripTask};
 
-/// Levels of at most this many boxes are looked at whole: one or two strips cost less than
-/// finding cells.
-const SMALL_LEVEL: u32 = 32;
-
 /// Boxes a cell, on average over a line, from which its rows are not taken in blocks: most blocks
 /// would have too many strips, and finding that out takes as long as a tenth of the line.
 const CROWDED_CELL: u32 = 12;
 
 /// Tests of columns that take as long as to look a line of finer cells up, and lines after which they are counted.
+/// Levels of fewer boxes than that for each line are looked at whole.
 const LINE_TESTS: u64 = 32;
 const LINES_NOTED: u64 = 1_024;
 
@@ -237,15 +234,23 @@ impl StripTask<CellSearch> {
         let max: [f32; 3] = std::array::from_fn(|axis| coordinate(3 + axis));
         // From coarse to fine: in the order of positions.
         for level in finer.iter().rev() {
-            let positions = scene.positions(level);
-            if positions.end - positions.start <= SMALL_LEVEL {
-                self.push(scene, row, positions.start, positions.end);
+            let numbers: [[i32; 2]; 3] = std::array::from_fn(|axis| {
+                [min[axis], max[axis]].map(|x| level.axes[axis].cell(x))
+            });
+            if (0..3).any(|axis| level.axes[axis].is_beyond(numbers[axis])) {
                 continue;
             }
             let [xs, ys, zs]: [[Range<u32>; 2]; 3] = std::array::from_fn(|axis| {
-                let of = &level.axes[axis];
-                folded(of, of.cell(min[axis]) - 1, of.cell(max[axis]))
+                let [low, high] = numbers[axis];
+                folded(&level.axes[axis], low - 1, high)
             });
+            let positions = scene.positions(level);
+            let [height, depth] =
+                [&ys, &zs].map(|of| of.iter().map(|cells| cells.len() as u64).sum::<u64>());
+            if positions.len() as u64 <= LINE_TESTS * height * depth {
+                self.push(scene, row, positions.start, positions.end);
+                continue;
+            }
             for z in zs.into_iter().flatten() {
                 for y in ys.iter().cloned().flatten() {
                     lines += 1;

@@ -7,6 +7,7 @@
 //! not depend on earlier frames.
 
 use super::far::near_bounds;
+use super::fold::folded;
 use crate::aabb::Aabb;
 use crate::stats::sample_indices;
 
@@ -17,8 +18,13 @@ const SAMPLE_LEAST: usize = 256;
 const SAMPLE_MOST: usize = 1_024;
 /// Boxes that the median edges are taken from.
 const MEDIAN_BOXES: usize = 256;
+/// Of the longer half of the edges one in so many may be as long as the scene, or far longer, and does not count.
+const FEW_LONG: usize = 25;
 /// Largest size up to which boxes count as alike; that of the median box is about 1.
 const LIKE_SIZES: f32 = 2.0;
+
+/// Cells on each axis in which half of the boxes lie that are far from all others: enough for a hundred thousand.
+const FAR_CELLS: f32 = 64.0;
 
 /// Sampled boxes in the cell of a sampled box at which the cell is small enough.
 const SAMPLE_NEIGHBOURS: f32 = 1.5;
@@ -38,6 +44,30 @@ pub(crate) struct SampledBox {
     pub size: f32,
 }
 
+/// Boxes far from all others.
+pub(crate) struct Far {
+    /// Min corners of those of the sample.
+    pub mins: Vec<[f32; 3]>,
+    /// How many there are in the scene, about.
+    pub count: f32,
+    /// The median of their mins on each axis, and of the distances from it.
+    pub middle: [f32; 3],
+    pub spread: [f32; 3],
+    /// Their longest edge on each axis, above 0.
+    pub longest: [f32; 3],
+}
+
+impl Far {
+    /// Edges of cells in which they are parted, so many times as long as they are at least, and cells on each axis, powers
+    /// of two and at most about `limit` in all.
+    pub fn cells(&self, growth: f32, limit: f32) -> ([f32; 3], [u32; 3]) {
+        let edges = [0, 1, 2]
+            .map(|axis| (self.spread[axis] / (0.5 * FAR_CELLS)).max(growth * self.longest[axis]));
+        let mins = self.mins.iter().copied();
+        (edges, folded(mins, edges, [FAR_CELLS; 3], limit))
+    }
+}
+
 /// The sampled valid boxes and what follows from them.
 #[derive(Default)]
 pub(crate) struct Sample {
@@ -51,6 +81,10 @@ pub(crate) struct Sample {
     pub extent: [f32; 3],
     /// Whether some boxes lie far away, or at an infinite distance.
     pub has_far: bool,
+    /// Least and largest min of those that do not lie far away, on each axis on which some do, and most do not.
+    near: [Option<[f32; 2]>; 3],
+    /// Edges end here: what is longer than the scene covers all of it, however long it is.
+    longest: [f32; 3],
     /// Boxes of the scene for one of the sample.
     pub weight: f32,
     scratch: Vec<f32>,
@@ -90,9 +124,13 @@ impl Sample {
         for axis in 0..3 {
             let (mut low, mut high) = (low[axis], high[axis]);
             let mins = self.boxes.iter().map(|b| b.min[axis]).filter(|x| x.is_finite());
+            self.near[axis] = None;
             if let Some(near) = near_bounds((low, high), mins, &mut self.scratch) {
                 self.has_far = true;
                 (low, high) = near;
+                // Of all finite ones most are near; others may be most.
+                let are_most = 2 * self.scratch.len() > self.boxes.len();
+                self.near[axis] = are_most.then_some([low, high]);
             }
             self.low[axis] = if low.is_finite() { low } else { 0.0 };
             // Finite bounds may be an infinite distance apart.
@@ -102,24 +140,31 @@ impl Sample {
 
     fn measure_sizes(&mut self) {
         self.alike = self.are_plainly_alike();
+        self.longest = [f32::INFINITY; 3];
         if self.alike {
             return;
         }
-        let unit: [f32; 3] = std::array::from_fn(|axis| {
+        // The median edge, and one that few are longer than.
+        let [x, y, z] = [0, 1, 2].map(|axis| {
             self.scratch.clear();
             let edges = self.boxes.iter().take(MEDIAN_BOXES).map(|b| b.edges[axis]);
             self.scratch.extend(edges.filter(|e| e.is_finite() && *e > 0.0));
             let middle = self.scratch.len() / 2;
             if self.scratch.is_empty() {
-                return f32::MIN_POSITIVE;
+                return [f32::MIN_POSITIVE; 2];
             }
-            *self.scratch.select_nth_unstable_by(middle, f32::total_cmp).1
+            let (_, median, larger) = self.scratch.select_nth_unstable_by(middle, f32::total_cmp);
+            let few = larger.len() / FEW_LONG;
+            let long = match larger.len().checked_sub(1 + few) {
+                Some(last) => *larger.select_nth_unstable_by(last, f32::total_cmp).1,
+                None => *median,
+            };
+            [*median, long]
         });
-        // What is longer than the scene covers all of it, however long it is.
-        let longest: [f32; 3] =
-            std::array::from_fn(|axis| greater(self.extent[axis], LIKE_SIZES * unit[axis]));
+        let [unit, long] = [0, 1].map(|which| [x[which], y[which], z[which]]);
+        self.longest = [0, 1, 2].map(|axis| greater(self.extent[axis], LIKE_SIZES * long[axis]));
         for b in &mut self.boxes {
-            b.edges = std::array::from_fn(|axis| lesser(longest[axis], b.edges[axis]));
+            b.edges = std::array::from_fn(|axis| lesser(self.longest[axis], b.edges[axis]));
             b.size = (0..3).map(|axis| b.edges[axis] / unit[axis]).fold(0.0, f32::max);
         }
         self.alike = self.boxes.iter().all(|b| b.size <= LIKE_SIZES);
@@ -150,14 +195,59 @@ impl Sample {
         })
     }
 
-    /// Min corners of the sampled boxes.
-    pub fn mins(&self) -> impl Iterator<Item = [f32; 3]> {
-        self.boxes.iter().map(|b| b.min)
+    /// Min corners of the sampled boxes that do not lie far away.
+    pub fn near_mins(&self) -> impl Iterator<Item = [f32; 3]> {
+        self.boxes.iter().map(|b| b.min).filter(|min| self.is_near(*min))
+    }
+
+    /// Where the mins of near boxes lie on an axis on which others lie far away, with so much room at least on either
+    /// side.
+    pub fn near_on(&self, axis: usize, room: f32) -> Option<[f32; 2]> {
+        let [low, high] = self.near[axis]?;
+        let room = room.max(high - low);
+        Some([low - room, high + room])
     }
 
     /// The middle of the scene on each axis.
     pub fn middle(&self) -> [f32; 3] {
         std::array::from_fn(|axis| self.low[axis] + 0.5 * self.extent[axis])
+    }
+
+    fn is_near(&self, min: [f32; 3]) -> bool {
+        (0..3)
+            .all(|axis| self.near[axis].is_none_or(|[low, high]| (low..=high).contains(&min[axis])))
+    }
+
+    /// The sampled boxes that lie far away, at a finite distance, but for giants.
+    fn far_boxes(&self) -> impl Iterator<Item = &SampledBox> {
+        self.boxes.iter().filter(|b| {
+            let is_giant = (0..3).any(|axis| b.edges[axis] >= self.longest[axis]);
+            let is_finite = b.min.iter().all(|x| x.is_finite());
+            is_finite && !is_giant && !self.is_near(b.min)
+        })
+    }
+
+    /// What lies far away, where some sampled box does.
+    pub fn far(&mut self) -> Option<Far> {
+        let mins: Vec<[f32; 3]> = match self.near {
+            [None, None, None] => return None,
+            _ => self.far_boxes().map(|b| b.min).collect(),
+        };
+        if mins.is_empty() {
+            return None;
+        }
+        let mut median = |of: &dyn Fn(&[f32; 3]) -> f32| {
+            self.scratch.clear();
+            self.scratch.extend(mins.iter().map(of));
+            let half = mins.len() / 2;
+            self.scratch.select_nth_unstable_by(half, f32::total_cmp).1.min(f32::MAX)
+        };
+        let middle = [0, 1, 2].map(|axis| median(&|min| min[axis]));
+        let spread = [0, 1, 2].map(|axis| median(&|min| (min[axis] - middle[axis]).abs()));
+        let longest = [0, 1, 2]
+            .map(|axis| self.far_boxes().map(|b| b.edges[axis]).fold(f32::MIN_POSITIVE, greater));
+        let count = mins.len() as f32 * self.weight;
+        Some(Far { mins, count, middle, spread, longest })
     }
 
     /// Edges of cells of which there are at most so many across the scene.

@@ -51,6 +51,8 @@ impl Axis {
         let edge = if edge.is_finite() { edge.max(1e-30) } else { f32::MAX };
         let per_unit = ((1 << CELL_BITS) as f32 / edge).max(f32::MIN_POSITIVE);
         let origin = if start.is_finite() { start } else { 0.0 };
+        // One cell takes boxes of any length that can be compared: a search goes nowhere else.
+        let longest = if count == 1 { f32::MAX } else { longest };
         let reach = (longest * per_unit).clamp(1.0, LONGEST as f32) as i32;
         Self { origin, per_unit, reach, count, wraps: false }
     }

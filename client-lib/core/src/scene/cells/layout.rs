@@ -37,6 +37,8 @@ pub(super) struct Level {
     scale: Scale,
     /// Quanta of the longest boxes; the last lane does not count.
     reach: [i32; 4],
+    /// Least and largest min of its boxes, in quanta: what lies far away is of another level.
+    mins: [[i32; 4]; 2],
     /// The last cell on each axis.
     last: [i32; 4],
     /// Whether boxes are compared by quanta, and no cell is folded.
@@ -72,7 +74,8 @@ impl Level {
         let reach = std::array::from_fn(|axis| axes.get(axis).map_or(i32::MAX, |a| a.reach));
         let last = std::array::from_fn(|axis| axes.get(axis).map_or(0, |a| a.count as i32 - 1));
         let is_plain = !axes.iter().any(|axis| axis.wraps);
-        Self { axes, scale, reach, last, is_plain, first_cell: 0, takes_all: false }
+        let mins = [[i32::MIN; 4], [i32::MAX; 4]];
+        Self { axes, scale, reach, mins, last, is_plain, first_cell: 0, takes_all: false }
     }
 
     /// A level of cells of some edges, for boxes of up to `longest`.
@@ -86,11 +89,29 @@ impl Level {
             });
             return Self::of_axes(axes);
         }
-        let (counts, middle) = (folded(sample.mins(), edges, counts, limit), sample.middle());
+        let (counts, middle) = (folded(sample.near_mins(), edges, counts, limit), sample.middle());
         let axes = std::array::from_fn(|axis| {
             Axis::wrapped(middle[axis], edges[axis], longest[axis], counts[axis])
         });
-        Self::of_axes(axes)
+        let mut level = Self::of_axes(axes);
+        let near = [0, 1, 2].map(|axis| sample.near_on(axis, edges[axis]));
+        let [low, high] = [0, 1].map(|end| near.map(|near| near.map_or(0.0, |ends| ends[end])));
+        let Quanta { min, max } = level.quanta(&Aabb { min: low, max: high });
+        for axis in (0..3).filter(|axis| near[*axis].is_some()) {
+            (level.mins[0][axis], level.mins[1][axis]) = (min[axis], max[axis]);
+        }
+        level
+    }
+
+    /// A level for boxes that lie far from all others, where the sample has some.
+    fn of_far(sample: &mut Sample) -> Option<Self> {
+        let far = sample.far()?;
+        let limit = (CELLS_A_BOX * far.count).clamp(CELLS_LEAST, CELLS_MOST);
+        let (edges, counts) = far.cells(HULL_GROWTH, limit);
+        // For boxes up to as long as a cell, few as they are.
+        Some(Self::of_axes(std::array::from_fn(|axis| {
+            Axis::wrapped(far.middle[axis], edges[axis], edges[axis], counts[axis])
+        })))
     }
 
     pub fn cell_count(&self) -> u32 {
@@ -125,11 +146,24 @@ impl Level {
     /// Whether the level takes a box.
     #[inline(always)]
     pub fn takes(&self, q: &Quanta) -> bool {
-        let lengths = q.lengths();
+        let (lengths, [low, high]) = (q.lengths(), &self.mins);
         // Without branches: lengths are as good as random.
-        let excess =
-            (0..4).fold(0, |excess, axis| excess | i32::from(lengths[axis] > self.reach[axis]));
+        let excess = (0..4).fold(0, |excess, axis| {
+            let is_long = i32::from(lengths[axis] > self.reach[axis]);
+            let is_far = i32::from(q.min[axis] < low[axis]) | i32::from(q.min[axis] > high[axis]);
+            excess | is_long | is_far
+        });
         excess == 0 || self.takes_all
+    }
+
+    /// Whether a box overlaps no box of the level, since those all lie elsewhere: their mins by
+    /// [`takes`](Self::takes), their maxes as far from these as they are long.
+    #[inline(always)]
+    pub fn is_beyond(&self, q: &Quanta) -> bool {
+        let [low, high] = &self.mins;
+        (0..3).any(|axis| {
+            q.max[axis] < low[axis] || q.min[axis] > high[axis].saturating_add(self.reach[axis])
+        })
     }
 
     /// The cell of a box that the level takes.
@@ -160,6 +194,7 @@ pub(super) fn choose(boxes: &[Aabb]) -> Vec<Level> {
                 levels.push(level(&sample, &density, &class, total));
                 edges = std::array::from_fn(|axis| edges[axis].max(class.least_edges[axis]));
             }
+            levels.extend(Level::of_far(&mut sample));
             for _ in 0..SPARE_MOST {
                 edges = edges.map(|edge| edge * SPARE_GROWTH);
                 if (0..3).all(|axis| edges[axis] >= sample.extent[axis]) {

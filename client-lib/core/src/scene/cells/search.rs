@@ -115,8 +115,8 @@ impl Cells {
     fn begin_in(&self, level: &Level, at: u32, probe: &Probe, searches: &mut Searches) {
         let Searches { questions, sure, probes: of_questions, lines, .. } = searches;
         let question = questions.len() as u32;
-        of_questions.push(at);
         if level.takes_all {
+            of_questions.push(at);
             questions.push(Question::ALL);
             sure.push(Sure::None);
             lines.push(Line { question, first: level.first_cell, count: 1 });
@@ -130,6 +130,10 @@ impl Cells {
             }
         };
         let hull = was.hull(&is);
+        if level.is_beyond(&hull) {
+            return;
+        }
+        of_questions.push(at);
         let of_axis = |axis: usize| level.axes[axis].cells(hull.min[axis], hull.max[axis]);
         // One by one: `array::from_fn` is not inlined here.
         let ranges = [of_axis(0), of_axis(1), of_axis(2)];
@@ -189,6 +193,9 @@ impl Cells {
                     self.begin_in(level, at, &probe, searches);
                     continue;
                 };
+                if level.is_beyond(&around.q) {
+                    continue;
+                }
                 let Searches { questions, sure, probes, lines, .. } = &mut *searches;
                 let question = questions.len() as u32;
                 questions.push(Question::new(&around.q, &around.q, around.is_bounded));
