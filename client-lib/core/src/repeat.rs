@@ -247,7 +247,7 @@ impl FrameCopy {
         let stages = EngineTimes { ingest_ns, execute_ns: 0, publish_ns };
         let report = CullReport { skipped, times: stages, ..report };
         let times = StageTimes { ingest_ns, publish_ns, total_ns, ..StageTimes::default() };
-        Some(CullAnswer { report, times, ..self.answer })
+        Some(CullAnswer { report, times, expected_ns: 0, ..self.answer })
     }
 }
 

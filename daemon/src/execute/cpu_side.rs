@@ -40,7 +40,7 @@ impl CpuSide {
         let one_core_ns = (plan.threads > 1 || plan.engine.is_gpu()).then(|| {
             let one_core =
                 self.engines.plan(boxes, &CullOptions { threads: Some(1), ..*options }, None);
-            engine_ns(&one_core)
+            one_core.expected_ns()
         });
         Planned { plan, options: *options, start, plan_ns, one_core_ns, gpu: None }
     }
@@ -133,7 +133,7 @@ impl Planned {
     /// Whether comparing its boxes with those of a frame before is sooner than culling them.
     pub fn is_sooner_compared(&self, objects: Objects<'_>) -> bool {
         let threads = self.options.threads.unwrap_or(1);
-        let engine_ns = engine_ns(&self.plan);
+        let engine_ns = self.plan.expected_ns();
         !self.plan.engine.is_gpu() || is_sooner_compared(objects, threads, engine_ns)
     }
 
@@ -142,12 +142,6 @@ impl Planned {
         self.plan.engine = engine;
         CullAnswer::new(&self.plan, report, self.start, self.plan_ns)
     }
-}
-
-/// Predicted time of a plan without the client's part, ns.
-pub(super) fn engine_ns(plan: &Plan) -> u64 {
-    let chosen = plan.candidates.iter().flatten().find(|c| c.engine == plan.engine);
-    chosen.map_or(0.0, |c| c.predicted_ns - c.iterate_ns) as u64
 }
 
 /// Beside others, frames that take a core up to so long stay there: cores work side by side, and the GPU

@@ -33,7 +33,7 @@ use pairmask_core::objects::Objects;
 use pairmask_core::plan::{Calibration, Capabilities, GpuCost, Plan, SceneStats, plan};
 use pairmask_core::precision::{BoxSlice, ExpandScratch};
 use pairmask_core::repeat::{KeepTicket, Repeats};
-use pairmask_core::{Encoding, EngineChoice, EngineName};
+use pairmask_core::{BoxCount, Encoding, EngineChoice, EngineName};
 use pairmask_wire::RulesReader;
 
 use self::cpu_side::CpuSide;
@@ -175,6 +175,11 @@ impl Executor {
         // Who looks at a frame uses the engines.
         self.last_frame = Some(Instant::now());
         &mut self.repeats
+    }
+
+    /// Learns from a frame of so many boxes that a GPU answered.
+    pub(crate) fn note_gpu(&mut self, n: BoxCount, answer: &CullAnswer) {
+        self.cpu.engines.note_gpu(n, answer);
     }
 
     /// Where the objects and the answer of a frame are to be kept, if they are.

@@ -11,7 +11,6 @@ use pairmask_core::plan::{GpuCost, Plan};
 use pairmask_core::spinner::Spinner;
 use pairmask_core::{Encoding, EngineName};
 
-use super::cpu_side::engine_ns;
 use super::gpu::{Gpu, GridUnderWay};
 use super::{FrameMemory, GpuService, Owner, Planned, no_gpu};
 use crate::locked;
@@ -152,7 +151,8 @@ impl SharedGpu {
         let queued_ns = self.queued_ns.load(Ordering::Relaxed) as f64;
         // The prediction holds the frames before it, as far as they were there when it was planned. Those
         // of a submission take about the time of one.
-        let ns = engine_ns(plan).saturating_sub((QUEUE_SHARE * queued_ns) as u64) / frames as u64;
+        let ns =
+            plan.expected_ns().saturating_sub((QUEUE_SHARE * queued_ns) as u64) / frames as u64;
         self.queued_ns.fetch_add(ns, Ordering::Relaxed);
         Queued { queued_ns: Arc::clone(&self.queued_ns), ns }
     }

@@ -39,6 +39,8 @@ pub struct CullAnswer {
     pub report: CullReport,
     /// Time by stage.
     pub times: StageTimes,
+    /// What the plan expected the engine to take, without the client's part; 0 where there was no plan.
+    pub expected_ns: u64,
 }
 
 impl CullAnswer {
@@ -49,6 +51,7 @@ impl CullAnswer {
             threads: plan.threads,
             report,
             times: StageTimes::new(report.times, plan_ns, start),
+            expected_ns: plan.expected_ns(),
         }
     }
 }

@@ -164,12 +164,19 @@ impl CpuEngines {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<(EngineName, CullReport), CullError> {
         let (engine, report) = self.run(plan.engine, &plan.input(boxes), reply)?;
-        if let Some(candidate) = plan.candidates[plan.engine.ordinal()] {
-            let has_handed_over = engine != plan.engine;
-            let took_ns = if has_handed_over { u64::MAX } else { report.times.sum_ns() };
-            self.learned.note(&candidate, plan.stats.n, took_ns);
-        }
+        let has_handed_over = engine != plan.engine;
+        let took_ns = if has_handed_over { u64::MAX } else { report.times.sum_ns() };
+        self.learned.note(plan.engine, plan.expected_ns(), plan.stats.n, took_ns);
         Ok((engine, report))
+    }
+
+    /// Learns from a frame of so many boxes that a GPU answered: what it took with all waits, since the plan is to have
+    /// frames answered soonest.
+    pub fn note_gpu(&mut self, n: BoxCount, answer: &CullAnswer) {
+        if answer.engine.is_gpu() {
+            let took_ns = answer.times.total_ns.saturating_sub(answer.times.plan_ns);
+            self.learned.note_gpu(answer.engine, answer.expected_ns, n, took_ns);
+        }
     }
 
     /// Runs a CPU engine, and `cpu-tree` where that one finds the scene too crowded and may hand it over: the

@@ -58,14 +58,23 @@ impl Crowded {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::engine::Isa;
+    use crate::engine::{GpuCost, Isa};
     use crate::plan::{Calibration, Capabilities, CullOptions, SceneStats, plan};
 
     /// The plan of a frame of which nothing is known.
     pub(in crate::dispatch) fn planned(n: u32, choice: EngineChoice) -> Plan {
+        planned_beside(n, choice, None)
+    }
+
+    /// The same, with a GPU that answers soon.
+    pub(in crate::dispatch) fn planned_beside_a_gpu(n: u32) -> Plan {
+        planned_beside(n, EngineChoice::Auto, Some(crate::plan::tests::GPU))
+    }
+
+    fn planned_beside(n: u32, choice: EngineChoice, gpu: Option<GpuCost>) -> Plan {
         let stats = SceneStats::unseen(BoxCount::new(n), None);
         let options = CullOptions { engine: choice, ..CullOptions::default() };
-        let capabilities = Capabilities { threads: 1, gpu: None };
+        let capabilities = Capabilities { threads: 1, gpu };
         plan(&stats, &capabilities, &Calibration::built_in(Isa::Avx2), &options)
     }
 

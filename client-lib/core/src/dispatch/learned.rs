@@ -28,10 +28,10 @@ const KEPT: f64 = 0.9;
 /// Size classes, each of four times as many boxes as the one before.
 const CLASSES: usize = 17;
 
-/// Factors of the CPU's engines.
+/// Factors of engines.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Learned {
-    /// By the places of engines; none of a GPU's.
+    /// By the places of engines.
     factors: [[Factor; CLASSES]; EngineName::ALL.len()],
     frames: u32,
 }
@@ -43,6 +43,8 @@ struct Factor {
     /// Its logarithm, 0 where nothing is known.
     ln: f64,
     is_known: bool,
+    /// Whether a GPU has had a frame.
+    is_warm: bool,
 }
 
 fn class_of(n: BoxCount) -> usize {
@@ -50,13 +52,12 @@ fn class_of(n: BoxCount) -> usize {
 }
 
 impl Learned {
-    /// An engine took so long for a frame that was planned for this candidate; as long as can be where it handed the
+    /// An engine took so long for a frame in place of what the plan expected; as long as can be where it handed the
     /// frame over.
-    pub fn note(&mut self, candidate: &Candidate, n: BoxCount, measured_ns: u64) {
+    pub fn note(&mut self, engine: EngineName, expected_ns: u64, n: BoxCount, measured_ns: u64) {
         self.frames = self.frames.wrapping_add(1);
-        let expected_ns = candidate.predicted_ns - candidate.iterate_ns;
-        let slot = candidate.engine.ordinal();
-        if expected_ns <= 0.0 || measured_ns == 0 {
+        let slot = engine.ordinal();
+        if expected_ns == 0 || measured_ns == 0 {
             return;
         }
         let class = class_of(n);
@@ -64,12 +65,26 @@ impl Learned {
             let others = self.factors.iter_mut().enumerate().filter(|(other, _)| *other != slot);
             others.for_each(|(_, of)| of[class].ln *= KEPT);
         }
-        let took = (measured_ns as f64 / expected_ns).ln();
+        let took = (measured_ns as f64 / expected_ns as f64).ln();
         let factor = &mut self.factors[slot][class];
         let step = (took - factor.ln).clamp(-FARTHEST.ln(), FARTHEST.ln());
         // The first frame of a size says more than nothing does.
         let weight = if factor.is_known { WEIGHT } else { 0.5 };
-        *factor = Factor { ln: factor.ln + weight * step, is_known: true };
+        *factor = Factor { ln: factor.ln + weight * step, is_known: true, ..*factor };
+    }
+
+    /// As [`note`](Self::note), of a GPU: its first frame of a size, for which it gets memory, says nothing of others.
+    pub fn note_gpu(
+        &mut self,
+        engine: EngineName,
+        expected_ns: u64,
+        n: BoxCount,
+        measured_ns: u64,
+    ) {
+        let factor = &mut self.factors[engine.ordinal()][class_of(n)];
+        if std::mem::replace(&mut factor.is_warm, true) {
+            self.note(engine, expected_ns, n, measured_ns);
+        }
     }
 
     /// The engine that is soonest by what was learned takes the planned one's place, or the one to be looked at; none
@@ -132,12 +147,10 @@ mod tests {
         for _ in 0..count {
             let mut replanned = *plan;
             learned.replan(&mut replanned, Barred::default());
-            let candidate =
-                replanned.candidates[replanned.engine.ordinal()].expect("it was chosen");
-            let expected_ns = candidate.predicted_ns - candidate.iterate_ns;
-            let took = (expected_ns * factor(replanned.engine)) as u64;
-            learned.note(&candidate, replanned.stats.n, took);
-            engines.push(replanned.engine);
+            let (engine, expected_ns) = (replanned.engine, replanned.expected_ns());
+            let took = (expected_ns as f64 * factor(engine)) as u64;
+            learned.note(engine, expected_ns, replanned.stats.n, took);
+            engines.push(engine);
         }
         engines
     }
@@ -190,6 +203,29 @@ mod tests {
         let others = plan.candidates.iter().flatten().filter(|c| c.engine != plan.engine);
         let next = others.min_by(|a, b| a.predicted_ns.total_cmp(&b.predicted_ns));
         assert_eq!(next.map(|next| next.engine), Some(replanned.engine));
+    }
+
+    #[test]
+    fn a_gpu_that_is_slower_here_gives_way_to_cores_but_not_for_its_first_frame() {
+        let plan = crate::dispatch::crowded::tests::planned_beside_a_gpu(3_000);
+        assert!(plan.engine.is_gpu());
+        for (slower, stays) in [(1, true), (6, false)] {
+            let mut learned = Learned::default();
+            for frame in 0..30 {
+                let mut replanned = plan;
+                learned.replan(&mut replanned, Barred::default());
+                let (engine, expected_ns) = (replanned.engine, replanned.expected_ns());
+                let factor = if frame == 0 { 100 } else { slower };
+                if engine.is_gpu() {
+                    learned.note_gpu(engine, expected_ns, plan.stats.n, factor * expected_ns);
+                } else {
+                    learned.note(engine, expected_ns, plan.stats.n, expected_ns);
+                }
+            }
+            let mut replanned = plan;
+            learned.replan(&mut replanned, Barred::default());
+            assert_eq!(replanned.engine.is_gpu(), stays, "{slower}");
+        }
     }
 
     #[test]

@@ -120,7 +120,7 @@ impl SphereWays {
         let input = CullInput::spheres(spheres).encoding(encoding).threads(threads);
         let report = self.all_pairs.cull(&input, reply)?;
         let times = StageTimes::new(report.times, 0, start);
-        Ok(CullAnswer { engine: EngineName::CpuBrute, threads, report, times })
+        Ok(CullAnswer { engine: EngineName::CpuBrute, threads, report, times, expected_ns: 0 })
     }
 
     /// A box engine finds the candidates among the bounds, and its tasks test each.

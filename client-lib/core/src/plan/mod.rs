@@ -71,6 +71,12 @@ impl Plan {
         let input = CullInput::boxes(boxes).encoding(self.encoding).threads(self.threads);
         input.may_hand_over(may_hand_over)
     }
+
+    /// What the engine of the plan is expected to take, without the client's part, ns; 0 where it is no candidate.
+    pub fn expected_ns(&self) -> u64 {
+        let candidate = self.candidates[self.engine.ordinal()];
+        candidate.map_or(0.0, |c| c.predicted_ns - c.iterate_ns) as u64
+    }
 }
 
 /// Predictions that are larger by less than this share are the same: no prediction is as exact. The
@@ -116,4 +122,4 @@ pub fn plan(
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

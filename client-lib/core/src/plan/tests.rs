@@ -7,7 +7,7 @@ use crate::engine::{AvailableIsa, Isa};
 use crate::precision::{BoxForm, BoxSlice};
 use crate::units::BoxCount;
 
-const GPU: GpuCost = GpuCost {
+pub(crate) const GPU: GpuCost = GpuCost {
     fixed_ns: 30_000.0,
     ns_a_box: 0.5,
     ns_a_test: 1.0e-3,

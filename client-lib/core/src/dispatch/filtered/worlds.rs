@@ -231,7 +231,7 @@ impl CpuEngines {
         let times = StageTimes { ingest_ns, plan_ns: 0, execute_ns, publish_ns, total_ns };
         let engine = worlds.most_used(options.engine);
         self.note_rules_need(needed_bytes);
-        Ok(CullAnswer { engine, threads, report, times })
+        Ok(CullAnswer { engine, threads, report, times, expected_ns: 0 })
     }
 }
 

@@ -43,6 +43,11 @@ const CELLS_A_BOX: f32 = 2.0;
 const CELLS_LEAST: f32 = 512.0;
 /// Most cells of a level: with ten levels their numbers stay below [`super::homes::CELL_MASK`].
 const CELLS_MOST: f32 = 33_554_432.0;
+/// A cell that holds so many times as many boxes as the density says, and so many more, shows that the density is that of
+/// a larger place, in which boxes lie on lines or planes. Each look takes as long as the density.
+const FAR_MORE: f32 = 4.0;
+const FEW_BOXES: f32 = 16.0;
+const CHECKS: usize = 3;
 /// Each spare level's cells against those of the level before.
 const SPARE_GROWTH: f32 = 4.0;
 /// Most spare levels: 4^8 = 65,536 times the size of the largest box that the sample saw.
@@ -104,8 +109,7 @@ impl Layout {
         self.sample.take(boxes);
         let m = self.sample.boxes.len();
         if m > 0 {
-            let density = self.sample.density();
-            let groups = best_groups(&self.sample, &density);
+            let groups = groups(&mut self.sample);
             (self.cost, self.classes) = (total_cost(groups), groups);
             for group in groups.into_iter().flatten() {
                 let boxes = group.share * m as f32 * self.sample.weight;
@@ -170,6 +174,23 @@ impl Layout {
             self.append(spare);
         }
     }
+}
+
+/// The levels of a sample, finest first: by its density, and where their cells hold far more boxes than that says, by
+/// what these hold.
+fn groups(sample: &mut Sample) -> [Option<SizeClass>; 3] {
+    let density = sample.density();
+    let mut groups = best_groups(sample, &density);
+    for _ in 0..CHECKS {
+        let Some(class) = groups[0] else { break };
+        let seen = sample.density_in(class.cell_edges);
+        let occupancy = class.share * seen.in_cell(class.cell_edges);
+        if occupancy < FAR_MORE * class.occupancy + FEW_BOXES {
+            break;
+        }
+        groups = best_groups(sample, &seen);
+    }
+    groups
 }
 
 /// The cheapest way to share the sample among one to three levels, finest first.

@@ -154,7 +154,7 @@ impl Sample {
                 return [f32::MIN_POSITIVE; 2];
             }
             let (_, median, larger) = self.scratch.select_nth_unstable_by(middle, f32::total_cmp);
-            let few = larger.len() / FEW_LONG;
+            let few = larger.len().div_ceil(FEW_LONG);
             let long = match larger.len().checked_sub(1 + few) {
                 Some(last) => *larger.select_nth_unstable_by(last, f32::total_cmp).1,
                 None => *median,
@@ -269,6 +269,17 @@ impl Sample {
             edges = halve_longest(edges, halvings);
             neighbours = self.neighbours(edges);
         }
+        self.density_of(edges, neighbours)
+    }
+
+    /// The same as it is seen in cells of `edges`: boxes on a line, or in a plane, are no fewer where cells across it
+    /// are thin.
+    pub fn density_in(&mut self, edges: [f32; 3]) -> Density {
+        let neighbours = self.neighbours(edges);
+        self.density_of(edges, neighbours)
+    }
+
+    fn density_of(&self, edges: [f32; 3], neighbours: f32) -> Density {
         let count = (neighbours * self.weight).max(0.01);
         let whole = self.extent.map(|extent| extent.max(f32::MIN_POSITIVE));
         let per_unit = std::array::from_fn(|axis| 1.0 / edges[axis].min(whole[axis]));

@@ -132,7 +132,7 @@ impl QueryMask {
         let publish_ns = total_ns - execute_ns;
         report.times = EngineTimes { ingest_ns: 0, execute_ns, publish_ns };
         let times = StageTimes { execute_ns, publish_ns, total_ns, ..StageTimes::default() };
-        Ok(CullAnswer { engine: EngineName::CpuGrid, threads, report, times })
+        Ok(CullAnswer { engine: EngineName::CpuGrid, threads, report, times, expected_ns: 0 })
     }
 }
 
