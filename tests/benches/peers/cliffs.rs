@@ -48,7 +48,7 @@ fn known() -> Vec<(&'static str, Recipe)> {
     ]
 }
 
-/// The worst ten of a search of 75 s on two cores, 2026-11-28: what is mended later stays mended.
+/// The worst of searches on two cores, 2026-11-28: what is mended later stays mended.
 fn golden() -> Vec<Recipe> {
     let of = |density, axes, decades| Recipe { density, axes, decades, ..Recipe::UNIFORM };
     let long = |recipe, long_share, aspect, turns| Recipe { long_share, aspect, turns, ..recipe };
@@ -70,6 +70,9 @@ fn golden() -> Vec<Recipe> {
         flung(at(flat, 50, 1e5), 0.1, 1e3),
         flung(at(long(flat, 0.1, [100.0, 1.0, 0.1], 3), 50, 1e5), 0.1, 1e3),
         at(of(1.0, 2, 5.0), 3, 1e5),
+        flung(at(of(1.0, 3, 5.0), 1, 1e7), 0.1, 1e3),
+        flung(at(long(flat, 0.1, [100.0, 1.0, 0.1], 3), 1, 1e5), 0.1, 1e3),
+        flung(at(long(of(1.0, 1, 2.0), 0.01, [1e3, 10.0, 1e-3], 1), 3, 1e3), 0.001, 1e6),
     ]
 }
 

@@ -21,7 +21,9 @@
 //!
 //! > cell(a.min) − 1 ≤ cell(b.min) ≤ cell(a.max)
 //!
-//! for any a that overlaps b. How large a cell is in space, and how much rounding moved its border,
+//! for any a that overlaps b. A level may take only boxes whose min lies in a range of cells: what lies far away would crowd
+//! the cells that it is folded into. So a box is of no interest to those of the level whose max lies below that range, or its
+//! min more than a cell above. How large a cell is in space, and how much rounding moved its border,
 //! do not enter. Folding cell numbers (see [`Axis::wrapped`]) keeps equal cells equal.
 
 use crate::floats;
@@ -30,7 +32,7 @@ use crate::floats;
 /// in the low bits of the sum. One add instead of a floor and a conversion, on every machine alike.
 const ROUND: f32 = 12_582_912.0;
 
-/// Largest magnitude of a cell number. Coordinates beyond share the outermost cell.
+/// Largest magnitude of a cell number. Coordinates beyond share the outermost cell, which folded levels leave to others.
 pub(crate) const CELL_LIMIT: f32 = 2_097_152.0;
 
 #[derive(Clone, Copy, Debug)]

@@ -412,8 +412,10 @@ fn axes(sample: &Sample, edges: [f32; 3], boxes: f32) -> [Axis; 3] {
     let mins = sample.near_mins().take(if boxes > 0.0 { usize::MAX } else { 0 });
     let (counts, middle) = (folded(mins, edges, counts, limit), sample.middle());
     std::array::from_fn(|axis| {
-        // Folded, or into a cell of its own, what lies far away would crowd the others.
-        match (counts[axis], sample.near_on(axis, edges[axis])) {
+        // Folded, or into a cell of its own, what lies far away would crowd the others. Spare levels take the few of
+        // it that are too long for its level.
+        let near = if boxes > 0.0 { sample.near_on(axis, edges[axis]) } else { None };
+        match (counts[axis], near) {
             (1, None) => Axis::WHOLE,
             (1, Some(near)) => Axis::whole_of(near),
             (count, None) => Axis::wrapped(middle[axis], edges[axis], count),

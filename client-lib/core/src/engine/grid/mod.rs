@@ -5,9 +5,10 @@
 //! as it is; boxes are sorted by level, z, y, x of the cell, so that a cell's neighbours are a few
 //! runs of positions. That neighbours are enough is proved in `axis.rs` for the very arithmetic that
 //! is computed. Pairs across levels are looked for from the larger box: it iterates over the cells of the
-//! finer levels that it covers. Work is O(n + pairs) for boxes that the sample finds a good layout for; giants
-//! and infinite boxes go to levels of their own. Boxes that cells do not part are handed over to the tree: before
-//! anything is sorted where the sample shows them, and else when more columns were tested than the tree would take.
+//! finer levels that it covers. Work is O(n + pairs) for boxes that the sample finds a good layout for; giants,
+//! infinite boxes and those far from all others go to levels of their own. Boxes that cells do not part are handed over
+//! to the tree: before anything is sorted where the sample shows them, and else when more columns were tested than the
+//! tree would take.
 
 mod axis;
 mod bucket;

@@ -201,11 +201,12 @@ impl Sample {
     }
 
     /// Where the mins of near boxes lie on an axis on which others lie far away, with so much room at least on either
-    /// side.
+    /// side; `None` as well where f32 has no such room.
     pub fn near_on(&self, axis: usize, room: f32) -> Option<[f32; 2]> {
         let [low, high] = self.near[axis]?;
         let room = room.max(high - low);
-        Some([low - room, high + room])
+        let near = [low - room, high + room];
+        near.iter().all(|end| end.is_finite()).then_some(near)
     }
 
     /// The middle of the scene on each axis.

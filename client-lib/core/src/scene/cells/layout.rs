@@ -22,6 +22,8 @@ const EDGE_GROWTH: f32 = std::f32::consts::SQRT_2;
 const EDGES: i32 = 12;
 /// Most cells of a level, for each box of it: 12 bytes a cell.
 const CELLS_A_BOX: f32 = 0.7;
+/// Share of all boxes that cells for those far away are made for, however few these are.
+const FAR_SHARE: f32 = 0.125;
 /// Cells that a level may have however few its boxes are.
 const CELLS_LEAST: f32 = 512.0;
 /// Most cells of a level, so that those of all levels stay below 2^31.
@@ -93,20 +95,26 @@ impl Level {
         let axes = std::array::from_fn(|axis| {
             Axis::wrapped(middle[axis], edges[axis], longest[axis], counts[axis])
         });
-        let mut level = Self::of_axes(axes);
+        Self::of_axes(axes)
+    }
+
+    /// The same for boxes alone that do not lie far from all others.
+    fn near(mut self, sample: &Sample, edges: [f32; 3]) -> Self {
         let near = [0, 1, 2].map(|axis| sample.near_on(axis, edges[axis]));
         let [low, high] = [0, 1].map(|end| near.map(|near| near.map_or(0.0, |ends| ends[end])));
-        let Quanta { min, max } = level.quanta(&Aabb { min: low, max: high });
+        let Quanta { min, max } = self.quanta(&Aabb { min: low, max: high });
         for axis in (0..3).filter(|axis| near[*axis].is_some()) {
-            (level.mins[0][axis], level.mins[1][axis]) = (min[axis], max[axis]);
+            (self.mins[0][axis], self.mins[1][axis]) = (min[axis], max[axis]);
         }
-        level
+        self
     }
 
     /// A level for boxes that lie far from all others, where the sample has some.
     fn of_far(sample: &mut Sample) -> Option<Self> {
         let far = sample.far()?;
-        let limit = (CELLS_A_BOX * far.count).clamp(CELLS_LEAST, CELLS_MOST);
+        // More may follow them.
+        let most = far.count.max(FAR_SHARE * sample.boxes.len() as f32 * sample.weight);
+        let limit = (CELLS_A_BOX * most).clamp(CELLS_LEAST, CELLS_MOST);
         let (edges, counts) = far.cells(HULL_GROWTH, limit);
         // For boxes up to as long as a cell, few as they are.
         Some(Self::of_axes(std::array::from_fn(|axis| {
@@ -229,7 +237,7 @@ fn level(sample: &Sample, density: &Density, class: &SizeClass, total: f32) -> L
             }
         }
     }
-    Level::new(sample, best.0, longest, limit)
+    Level::new(sample, best.0, longest, limit).near(sample, best.0)
 }
 
 /// Cost of a search around a box of a class, in tests of a block.
