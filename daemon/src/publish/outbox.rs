@@ -78,7 +78,13 @@ impl Outbox {
             // What an engine without rules will find in the next frame.
             let found_pairs = open.rules.as_ref().and_then(|rules| rules.found_pairs);
             let found_pairs = found_pairs.unwrap_or(answer.report.pair_count);
-            self.clients.of(open.sender.session, |client| client.last_pairs = Some(found_pairs));
+            self.clients.of(open.sender.session, |client| {
+                client.last_pairs = Some(found_pairs);
+                // Its engines are away while they plan its next frame, or run this one.
+                if let Some(engines) = &mut client.engines {
+                    engines.note_gpu(fields.box_count, &answer);
+                }
+            });
         }
         let mut header = self.count(open, fields.box_count, form, &answer);
         if let Some(span) = open.world_ranges {

@@ -223,8 +223,8 @@ impl Culls {
         } else {
             let on_one_core = planned.on_one_core();
             let answer = engines.run(planned, owner, &mut open);
-            if let (Ok(answer), Some(n)) = (&answer, BoxCount::of_len(open.objects().len())) {
-                engines.note_gpu(n, answer);
+            if let Ok(answer) = &answer {
+                engines.note_gpu(request.scene.count, answer);
             }
             Served { on_one_core, gpu, ..self.finish(open, answer, RunsOn::of(options)) }
         }
@@ -341,12 +341,6 @@ impl Culls {
         let on_gpu = answer.as_ref().is_ok_and(|answer| answer.engine.is_gpu());
         match answer {
             Ok(answer) => {
-                if let (true, Some(n)) = (on_gpu, BoxCount::of_len(open.objects().len())) {
-                    // Its engines, unless they are busy with its next frame, or with this one.
-                    self.outbox.clients.of(open.sender.session, |client| {
-                        client.engines.iter_mut().for_each(|engines| engines.note_gpu(n, &answer));
-                    });
-                }
                 open.keep(&answer);
                 self.outbox.answer(&mut open, first_set, answer);
             }

@@ -175,7 +175,7 @@ impl CpuEngines {
     pub fn note_gpu(&mut self, n: BoxCount, answer: &CullAnswer) {
         if answer.engine.is_gpu() {
             let took_ns = answer.times.total_ns.saturating_sub(answer.times.plan_ns);
-            self.learned.note_gpu(answer.engine, answer.expected_ns, n, took_ns);
+            self.learned.note(answer.engine, answer.expected_ns, n, took_ns);
         }
     }
 

@@ -43,7 +43,7 @@ struct Factor {
     /// Its logarithm, 0 where nothing is known.
     ln: f64,
     is_known: bool,
-    /// Whether a GPU has had a frame.
+    /// Whether the engine has had a frame.
     is_warm: bool,
 }
 
@@ -53,14 +53,14 @@ fn class_of(n: BoxCount) -> usize {
 
 impl Learned {
     /// An engine took so long for a frame in place of what the plan expected; as long as can be where it handed the
-    /// frame over.
+    /// frame over. Its first frame of a size, for which it gets memory, says nothing of others.
     pub fn note(&mut self, engine: EngineName, expected_ns: u64, n: BoxCount, measured_ns: u64) {
         self.frames = self.frames.wrapping_add(1);
-        let slot = engine.ordinal();
-        if expected_ns == 0 || measured_ns == 0 {
+        let (slot, class) = (engine.ordinal(), class_of(n));
+        let is_warm = std::mem::replace(&mut self.factors[slot][class].is_warm, true);
+        if expected_ns == 0 || measured_ns == 0 || !is_warm {
             return;
         }
-        let class = class_of(n);
         if self.is_look_due() {
             let others = self.factors.iter_mut().enumerate().filter(|(other, _)| *other != slot);
             others.for_each(|(_, of)| of[class].ln *= KEPT);
@@ -68,23 +68,9 @@ impl Learned {
         let took = (measured_ns as f64 / expected_ns as f64).ln();
         let factor = &mut self.factors[slot][class];
         let step = (took - factor.ln).clamp(-FARTHEST.ln(), FARTHEST.ln());
-        // The first frame of a size says more than nothing does.
+        // The first that counts says more than nothing does.
         let weight = if factor.is_known { WEIGHT } else { 0.5 };
         *factor = Factor { ln: factor.ln + weight * step, is_known: true, ..*factor };
-    }
-
-    /// As [`note`](Self::note), of a GPU: its first frame of a size, for which it gets memory, says nothing of others.
-    pub fn note_gpu(
-        &mut self,
-        engine: EngineName,
-        expected_ns: u64,
-        n: BoxCount,
-        measured_ns: u64,
-    ) {
-        let factor = &mut self.factors[engine.ordinal()][class_of(n)];
-        if std::mem::replace(&mut factor.is_warm, true) {
-            self.note(engine, expected_ns, n, measured_ns);
-        }
     }
 
     /// The engine that is soonest by what was learned takes the planned one's place, or the one to be looked at; none
@@ -216,11 +202,8 @@ mod tests {
                 learned.replan(&mut replanned, Barred::default());
                 let (engine, expected_ns) = (replanned.engine, replanned.expected_ns());
                 let factor = if frame == 0 { 100 } else { slower };
-                if engine.is_gpu() {
-                    learned.note_gpu(engine, expected_ns, plan.stats.n, factor * expected_ns);
-                } else {
-                    learned.note(engine, expected_ns, plan.stats.n, expected_ns);
-                }
+                let factor = if engine.is_gpu() { factor } else { 1 };
+                learned.note(engine, expected_ns, plan.stats.n, factor * expected_ns);
             }
             let mut replanned = plan;
             learned.replan(&mut replanned, Barred::default());

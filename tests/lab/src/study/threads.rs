@@ -51,7 +51,7 @@ pub fn measure(cases: &[Case], threads: &[usize], watch: impl Fn()) -> Result<Re
     for case in cases {
         let updates = update_times(case.scene, case.n, &threads, &pools);
         rows.extend(series(UPDATE, *case, None, updates));
-        let measured = measure_case(*case, &[Encoding::Sparse], &threads, &pools, isa)?;
+        let measured = measure_case(*case, &[Encoding::Sparse], &threads, &[], &pools, isa)?;
         for engine in EngineName::ALL {
             let ways = measured.ways.iter().filter(|timed| timed.way.engine == engine);
             let times = ways.map(|timed| (timed.way.threads, timed.engine_ns.clone())).collect();

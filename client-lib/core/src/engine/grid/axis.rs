@@ -21,10 +21,10 @@
 //!
 //! > cell(a.min) − 1 ≤ cell(b.min) ≤ cell(a.max)
 //!
-//! for any a that overlaps b. A level may take only boxes whose min lies in a range of cells: what lies far away would crowd
-//! the cells that it is folded into. So a box is of no interest to those of the level whose max lies below that range, or its
-//! min more than a cell above. How large a cell is in space, and how much rounding moved its border,
-//! do not enter. Folding cell numbers (see [`Axis::wrapped`]) keeps equal cells equal.
+//! for any a that overlaps b. How large a cell is in space, and how much rounding moved its border,
+//! do not enter. A level may take only boxes whose min lies in a range of cells, since what lies far
+//! away would crowd those that it is folded into. Then a box overlaps none of the level where its max
+//! lies below that range, or its min more than a cell above. Folding cell numbers (see [`Axis::wrapped`]) keeps equal cells equal.
 
 use crate::floats;
 
