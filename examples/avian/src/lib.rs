@@ -36,7 +36,7 @@ use bevy::prelude::*;
 use pairmask::Backend;
 
 pub use rules::{KeyPair, new_pairs};
-pub use world::{PairmaskWorld, WorldError};
+pub use world::PairmaskWorld;
 
 /// Finds avian's pairs with pairmask. `H` are the [`CollisionHooks`] that avian's own plugin would be given.
 pub struct PairmaskBroadPhasePlugin<H: CollisionHooks = ()> {

@@ -8,7 +8,7 @@ use avian3d::dynamics::solver::joint_graph::JointGraph;
 use avian3d::prelude::*;
 use bevy::prelude::*;
 
-use crate::world::{PairmaskWorld, WorldError, key_of};
+use crate::world::{PairmaskWorld, key_of};
 
 /// Two proxies, in the order in which avian names them in a contact.
 pub type KeyPair = (ColliderTreeProxyKey, ColliderTreeProxyKey);
@@ -16,7 +16,7 @@ pub type KeyPair = (ColliderTreeProxyKey, ColliderTreeProxyKey);
 /// The pairs that this step adds to a contact graph. `hook` says whether a pair with a custom filter collides.
 ///
 /// # Errors
-/// [`WorldError`], if there is no answer.
+/// [`pairmask::Error`], if there is no answer.
 pub fn new_pairs(
     world: &mut PairmaskWorld,
     trees: &ColliderTrees,
@@ -24,7 +24,7 @@ pub fn new_pairs(
     graph: &ContactGraph,
     joints: &JointGraph,
     hook: &mut dyn FnMut(Entity, Entity) -> bool,
-) -> Result<Vec<KeyPair>, WorldError> {
+) -> Result<Vec<KeyPair>, pairmask::Error> {
     let mut found = Vec::new();
     for [a, b] in world.pairs(trees, moved)? {
         let (a, b) = (key_of(*a), key_of(*b));

@@ -7,27 +7,6 @@ use bevy::platform::cell::SyncCell;
 use bevy::prelude::*;
 use pairmask::{Aabb, Backend, Error, Report, Scene, SceneOptions, Session};
 
-/// Why there are no pairs.
-#[derive(Debug)]
-#[non_exhaustive]
-pub enum WorldError {
-    /// No session, not even in this process.
-    Connect(Error),
-    /// No answer, not even in this process.
-    Commit(Error),
-}
-
-impl core::fmt::Display for WorldError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Connect(error) => error.fmt(f),
-            Self::Commit(error) => error.fmt(f),
-        }
-    }
-}
-
-impl core::error::Error for WorldError {}
-
 /// What the scene knows of an index.
 #[derive(Clone, Copy, PartialEq, Eq)]
 struct Known {
@@ -96,11 +75,11 @@ impl PairmaskWorld {
     /// An empty scene. A backend that cannot be had is replaced by this process.
     ///
     /// # Errors
-    /// [`WorldError::Connect`], if this process has no session either.
-    pub fn new(backend: Backend) -> Result<Self, WorldError> {
+    /// [`Error`], if this process has no session either.
+    pub fn new(backend: Backend) -> Result<Self, Error> {
         let scene = scene_of(backend).or_else(|error| {
             log::warn!("the broad phase answers in this process: {error}");
-            scene_of(Backend::InProcess).map_err(WorldError::Connect)
+            scene_of(Backend::InProcess)
         })?;
         Ok(Self {
             scene: SyncCell::new(scene),
@@ -114,12 +93,12 @@ impl PairmaskWorld {
     /// Overlapping pairs of proxies with at least one that moved, by index, sorted.
     ///
     /// # Errors
-    /// [`WorldError`], if this process has no answer either.
+    /// [`Error`], if this process has no answer either.
     pub(crate) fn pairs(
         &mut self,
         trees: &ColliderTrees,
         moved: &MovedProxies,
-    ) -> Result<&[[u32; 2]], WorldError> {
+    ) -> Result<&[[u32; 2]], Error> {
         self.collect(trees, moved);
         if let Err(error) = self.ask() {
             log::warn!("the broad phase answers in this process from now on: {error}");
@@ -128,17 +107,17 @@ impl PairmaskWorld {
             if let Err(error) = self.ask() {
                 // What was sent is not known: the next step sends all to a scene of its own.
                 self.start_anew()?;
-                return Err(WorldError::Commit(error));
+                return Err(error);
             }
         }
         Ok(&self.pairs)
     }
 
     /// Takes a scene of this process, to which nothing was sent.
-    fn start_anew(&mut self) -> Result<(), WorldError> {
+    fn start_anew(&mut self) -> Result<(), Error> {
         self.known.clear();
         self.known_count = 0;
-        self.scene = SyncCell::new(scene_of(Backend::InProcess).map_err(WorldError::Connect)?);
+        self.scene = SyncCell::new(scene_of(Backend::InProcess)?);
         Ok(())
     }
 

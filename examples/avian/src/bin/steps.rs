@@ -63,7 +63,12 @@ fn measure(bodies: usize, pairmask: bool) -> (Step, Step) {
         let (stack, y) = (i / 4, i % 4);
         let [x, z] = [stack % side, stack / side].map(|at| at as f32 * 1.1);
         let box_at = Transform::from_xyz(x, 0.7 + 1.2 * y as f32, z);
-        world.spawn((RigidBody::Dynamic, Collider::cuboid(1.0, 1.0, 1.0), box_at, SleepingDisabled));
+        world.spawn((
+            RigidBody::Dynamic,
+            Collider::cuboid(1.0, 1.0, 1.0),
+            box_at,
+            SleepingDisabled,
+        ));
     }
     let (mut broad, mut whole) = (Vec::new(), Vec::new());
     for _ in 0..RESTING.end {
