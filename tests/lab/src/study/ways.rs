@@ -21,7 +21,7 @@ use crate::Result;
 const SEED: u64 = 1;
 /// Frames before the first measured one: they touch memory and settle orders.
 const WARM_UP: usize = 2;
-/// Frames from which the plan has learned before its choice is judged: what a client waits for at 60 Hz in a second.
+/// Frames from which the plan has learned before its choice is judged: less than a second of a game.
 const LEARNED_FRAMES: usize = 50;
 /// Frames that are measured: at least so many, and until this time is over, at most so many.
 const LEAST_FRAMES: usize = 7;
