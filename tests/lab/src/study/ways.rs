@@ -151,12 +151,7 @@ impl Planned {
     /// The engine that answered, and its pairs.
     fn frame(&mut self, boxes: &[Aabb], is_noted: bool) -> Result<(EngineName, u64)> {
         let pool = self.pool.clone();
-        let mut frame = || self.frame_here(boxes, is_noted).map_err(|err| err.to_string());
-        let found = match pool {
-            Some(pool) => pool.install(frame),
-            None => frame(),
-        };
-        Ok(found?)
+        Ok(on(pool.as_ref(), || self.frame_here(boxes, is_noted).map_err(|err| err.to_string()))?)
     }
 
     fn frame_here(&mut self, boxes: &[Aabb], is_noted: bool) -> Result<(EngineName, u64)> {
@@ -229,18 +224,14 @@ impl TimedWay {
 
     fn frame(&mut self, boxes: &[Aabb], is_noted: bool) -> Result<u64> {
         let (engine, reply) = (&mut self.engine, &mut self.reply);
-        let mut cull = || -> Result<_, CullError> {
+        let (report, engine_ns) = on(self.pool.as_ref(), || -> Result<_, CullError> {
             let start = Instant::now();
             let report = engine.cull(
                 &CullInput::boxes(boxes).encoding(self.way.encoding).threads(self.way.threads),
                 reply,
             )?;
             Ok((report, nanoseconds_since(start)))
-        };
-        let (report, engine_ns) = match &self.pool {
-            Some(pool) => pool.install(cull),
-            None => cull(),
-        }?;
+        })?;
         let start = Instant::now();
         let pairs = decode(self.way.engine, boxes.len(), &report, self.reply.words(), self.isa)?;
         let decode_ns = nanoseconds_since(start);
@@ -271,6 +262,14 @@ pub fn core_count() -> usize {
 
 /// A pool for each number of threads above 1; one thread is the calling one.
 pub type Pools = BTreeMap<usize, Arc<ThreadPool>>;
+
+/// Runs work in a pool, or on the calling thread.
+fn on<R: Send>(pool: Option<&Arc<ThreadPool>>, work: impl FnOnce() -> R + Send) -> R {
+    match pool {
+        Some(pool) => pool.install(work),
+        None => work(),
+    }
+}
 
 pub fn pools(threads: &[usize]) -> Result<Pools> {
     let more = threads.iter().filter(|threads| **threads > 1);
