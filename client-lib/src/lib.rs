@@ -95,12 +95,26 @@ use pairmask_transport as transport;
 #[cfg(not(feature = "daemon"))]
 use session::link as transport;
 
+/// What rays and spheres hit, and in which order: the definition, and what is asked and answered.
+///
+/// # What is hit
+///
+/// In the arithmetic of real numbers, without rounding: a [`Ray`](cast::Ray) hits a box if a point
+/// `origin + t · direction` with 0 ≤ t ≤ `most` lies in the box, faces included, after they were moved outward by its
+/// `half_extents`; its distance is the least such t. A [`Sphere`] touches a box if a point of the box is at most its radius
+/// away from its center; its distance is that of the nearest one. Hits come by distance and then by index.
+/// [`pairmask_core::cast`] says what holds at infinity and of invalid rays.
+pub mod cast {
+    pub use pairmask_core::cast::{Hit, Hits, Ray, Shapes};
+}
+
 /// Which boxes meet: filter data, filters and listed pairs. [`pairmask_core::filters`] has the rule, and its types have
 /// examples.
 pub mod filters {
     pub use pairmask_core::filters::{
         Filter, FilterData, FilterId, FilterTable, Owner, PairLists, Rules, World,
     };
+    pub use pairmask_core::scene::QueryFilterData;
 
     /// Filters of other engines. [`pairmask_core::filters::engines`] says what the functions take into account, and has
     /// two more, for the bodies of a `MuJoCo` model and the collision groups of Jolt's bodies.
@@ -123,7 +137,7 @@ pub use pairmask_core::update::{Placement, Transformed};
 pub use pairmask_core::write::{BoxSource, CenterHalf, MinMax};
 pub use pairmask_wire::StatusBody as DaemonStatus;
 pub use session::{
-    Backend, ConnectError, Error, Frame, FrameInfo, FrameObject, FrameOptions, PairMask, Pending,
-    Quantized, QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneOptions, ServedBy, Session,
-    SessionBuilder,
+    Backend, ConnectError, Error, Frame, FrameInfo, FrameObject, FrameOptions, HitAnswer, PairMask,
+    Pending, Quantized, QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneOptions, ServedBy,
+    Session, SessionBuilder,
 };

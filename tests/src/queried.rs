@@ -1,13 +1,19 @@
 //! Queries of scenes beside the model, which compares each query with each box, after each of random edits.
 
+use pairmask_core::cast::{Hit, Ray, Shapes};
 use pairmask_core::filters::{FilterData, FilterId, Owner, World};
-use pairmask_core::scene::{Edit, QueryFilterData, Report};
-use pairmask_core::{Aabb, Encoding};
+use pairmask_core::scene::{Cast, Edit, QueryFilterData, Report};
+use pairmask_core::{Aabb, Encoding, Sphere};
 
+use crate::casts::{a_ray, a_sphere, by_query, check, hit_by, some_hits, touched_by};
 use crate::scene_model::{BareScene, Edits, Grouped};
 use crate::stress_scenes::Rng;
 
 type Pair = [u32; 2];
+
+/// Rays and spheres that are cast at a time: exact fractions take their time.
+const MOST_CAST: usize = 20;
+const MOST_HITS: u64 = 1 << 24;
 
 pub trait QueriedScene {
     fn edit(&mut self, edit: Edit<'_>);
@@ -17,6 +23,7 @@ pub trait QueriedScene {
         filter_data: QueryFilterData<'_>,
         encoding: Encoding,
     ) -> Vec<Pair>;
+    fn cast(&mut self, cast: &Cast<'_>) -> Vec<Hit>;
 }
 
 impl<S: BareScene> QueriedScene for S {
@@ -31,6 +38,10 @@ impl<S: BareScene> QueriedScene for S {
         _: Encoding,
     ) -> Vec<Pair> {
         BareScene::query(self, queries, filter_data).expect("an answer")
+    }
+
+    fn cast(&mut self, cast: &Cast<'_>) -> Vec<Hit> {
+        BareScene::cast(self, cast).expect("an answer")
     }
 }
 
@@ -101,6 +112,38 @@ impl Queries {
             found.len(),
             expected.len()
         );
+        self.check_casts(scene, count.min(MOST_CAST), filter_data);
         expected.len()
+    }
+
+    /// Casts so many rays and spheres, and checks the hits by exact fractions.
+    fn check_casts(
+        &mut self,
+        scene: &mut impl QueriedScene,
+        count: usize,
+        filter_data: QueryFilterData<'_>,
+    ) {
+        let (extent, rng, model) = (self.edits.extent(), &mut self.rng, self.edits.model());
+        let rays: Vec<Ray> = (0..count).map(|_| a_ray(rng, extent)).collect();
+        let spheres: Vec<Sphere> = (0..count).map(|_| a_sphere(rng, extent)).collect();
+        let filter_data = match filter_data {
+            QueryFilterData::Each(each) => QueryFilterData::Each(&each[..count]),
+            other => other,
+        };
+        let boxes = |query| model.boxes_found_by(filter_data.of(query));
+        let of_all = boxes(0);
+        for shapes in [Shapes::Rays(&rays), Shapes::Spheres(&spheres)] {
+            let hits = some_hits(rng);
+            let found = scene.cast(&Cast { shapes, hits, filter_data, most_hits: MOST_HITS });
+            for (query, found) in (0..).zip(by_query(&found, count)) {
+                let own = matches!(filter_data, QueryFilterData::Each(_)).then(|| boxes(query));
+                let boxes = own.as_ref().unwrap_or(&of_all);
+                let expected = match shapes {
+                    Shapes::Rays(rays) => hit_by(&rays[query as usize], boxes),
+                    Shapes::Spheres(spheres) => touched_by(&spheres[query as usize], boxes),
+                };
+                check(query, found, &expected, hits).unwrap_or_else(|wrong| panic!("{wrong}"));
+            }
+        }
     }
 }

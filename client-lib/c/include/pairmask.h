@@ -157,6 +157,23 @@ typedef struct {
   uint32_t b;
 } pm_pair;
 
+// A ray or a segment, thin or as thick as a box that is swept along it. It hits a box if a point origin + t * direction
+// with 0 <= t <= most lies in the box, whose faces were moved outward by the half extents. One with a number that is not
+// finite hits nothing, but `most` may be infinite; and so does one with a negative half extent or `most`.
+typedef struct {
+  float origin[3];
+  float direction[3]; // Need not be of length 1.
+  float most; // The largest t: INFINITY for a ray without an end.
+  float half_extents[3]; // 0 for a thin ray.
+} pm_ray;
+
+// A box that a ray has hit, or that is near a point.
+typedef struct {
+  uint32_t query; // The ray or the sphere.
+  uint32_t index; // The box; PM_ANY_BOX where only whether there is one was asked.
+  float distance; // Along a ray in lengths of its direction; from a sphere's center in units.
+} pm_hit;
+
 // Translation, rotation and scale of an object.
 typedef struct {
   float translation[3]; // Where the object's origin lies.
@@ -377,6 +394,14 @@ typedef uint32_t pm_report;
 #define PM_REPORT_MOVED 1 // Pairs of now with a box that the edit set, enabled, disabled or flagged.
 #define PM_REPORT_ALL 2 // All pairs of now.
 #define PM_REPORT_NOTHING 3 // Nothing: the edit is applied.
+
+// Which boxes a cast reports of each ray or sphere: one of `PM_HITS_...`.
+typedef uint32_t pm_hits;
+#define PM_HITS_ALL 1 // All.
+#define PM_HITS_CLOSEST 2 // So many of the closest.
+#define PM_HITS_ANY 3 // Whether there is one: a hit of `PM_ANY_BOX`, or none.
+
+#define PM_ANY_BOX UINT32_MAX // The index of a hit that stands for any box.
 
 // Why a pair ended: one of `PM_ENDED_...`.
 typedef uint32_t pm_end_reason;
@@ -637,6 +662,20 @@ pm_code pm_scene_get_info(pm_scene scene, pm_scene_info *info);
 // again, or dropped. The scene's answer ends. A shared scene is asked as the last tick made it.
 pm_code pm_scene_query(pm_scene scene, const pm_box *boxes, size_t n, const pm_filter_data *filter_data,
                        size_t filter_data_count, const pm_pair **found, size_t *count);
+
+// Asks which boxes of a scene rays hit: all, or at most `most` of the closest of each ray, or whether there is one, as
+// `hits` says; `most` is for PM_HITS_CLOSEST alone. Filter data are those of a query. `found` is set to hits, by ray, by
+// distance, and then by index, as an array that lives until the scene is asked for hits again, or dropped. The scene's
+// answer ends.
+pm_code pm_scene_cast(pm_scene scene, const pm_ray *rays, size_t n, pm_hits hits, uint32_t most,
+                      const pm_filter_data *filter_data, size_t filter_data_count, const pm_hit **found,
+                      size_t *count);
+
+// Asks in the same way which boxes of a scene spheres touch, the nearest to each center first. With PM_HITS_CLOSEST and
+// an infinite radius, these are so many nearest boxes of a point.
+pm_code pm_scene_nearest(pm_scene scene, const pm_sphere *spheres, size_t n, pm_hits hits, uint32_t most,
+                         const pm_filter_data *filter_data, size_t filter_data_count, const pm_hit **found,
+                         size_t *count);
 
 // Scenes that several processes write
 

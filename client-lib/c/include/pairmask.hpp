@@ -39,6 +39,8 @@ namespace pairmask {
 using Box = pm_box;
 using Sphere = pm_sphere;
 using Pair = pm_pair;
+using Ray = pm_ray;
+using Hit = pm_hit;
 using Ended = pm_ended;
 using Range = pm_range;
 using FilterData = pm_filter_data;
@@ -46,6 +48,16 @@ using Filter = pm_filter;
 using Precision = pm_precision;
 using Placement = pm_placement;
 using Indices = pm_indices;
+
+// Which boxes a cast reports of each ray or sphere.
+struct Hits {
+  pm_hits kind;
+  std::uint32_t most;
+
+  static constexpr Hits all() noexcept { return {PM_HITS_ALL, 0}; }
+  static constexpr Hits closest(std::uint32_t most) noexcept { return {PM_HITS_CLOSEST, most}; }
+  static constexpr Hits any() noexcept { return {PM_HITS_ANY, 0}; }
+};
 
 // A struct that may grow, with its size, and zeros, as which it leaves all to the library.
 template <class T> struct Sized : T {
@@ -367,7 +379,7 @@ private:
 // A persistent scene: edits go in, changes of pairs come out. What is set and so on is the edit that
 // commit() sends; arrays are read where they lie until it is answered. An answer is acknowledged by being
 // waited for, and lives until the next call that writes or sends an edit, or that asks the scene something:
-// query(), resync(), or a lease.
+// query(), cast(), nearest(), resync(), or a lease.
 class Scene : public detail::Handle<pm_scene, pm_scene_drop> {
 public:
   using Handle::Handle;
@@ -427,6 +439,25 @@ public:
     const pm_code code = pm_scene_query(get(), boxes.data(), boxes.size(), filter_data.data(),
                                         filter_data.size(), &found, &count);
     return detail::made<Span<const Pair>>(code, Span<const Pair>(found, count));
+  }
+  // The boxes that rays hit, by ray, by distance, and then by index: pm_scene_cast. What is found lives until the next
+  // cast() or nearest().
+  Result<Span<const Hit>> cast(Span<const Ray> rays, Hits hits,
+                               Span<const FilterData> filter_data = {}) {
+    const Hit *found = nullptr;
+    std::size_t count = 0;
+    const pm_code code = pm_scene_cast(get(), rays.data(), rays.size(), hits.kind, hits.most,
+                                       filter_data.data(), filter_data.size(), &found, &count);
+    return detail::made<Span<const Hit>>(code, Span<const Hit>(found, count));
+  }
+  // The boxes that spheres touch, the nearest to each center first: pm_scene_nearest.
+  Result<Span<const Hit>> nearest(Span<const Sphere> spheres, Hits hits,
+                                  Span<const FilterData> filter_data = {}) {
+    const Hit *found = nullptr;
+    std::size_t count = 0;
+    const pm_code code = pm_scene_nearest(get(), spheres.data(), spheres.size(), hits.kind, hits.most,
+                                          filter_data.data(), filter_data.size(), &found, &count);
+    return detail::made<Span<const Hit>>(code, Span<const Hit>(found, count));
   }
 
   // Of a shared scene.

@@ -3,6 +3,7 @@
 use std::ffi::c_char;
 
 use bytemuck::{Pod, Zeroable};
+use pairmask::cast::{Hit, Ray};
 use pairmask::filters::{Filter, FilterData, World};
 use pairmask::{Aabb, EndReason, Ended, ServedBy, Sphere};
 use pairmask_core::engine::EngineId;
@@ -29,6 +30,30 @@ pub struct pm_pair {
     pub a: u32,
     pub b: u32,
 }
+
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct pm_ray {
+    pub origin: [f32; 3],
+    pub direction: [f32; 3],
+    pub most: f32,
+    pub half_extents: [f32; 3],
+}
+
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct pm_hit {
+    pub query: u32,
+    pub index: u32,
+    pub distance: f32,
+}
+
+pub const PM_ANY_BOX: u32 = u32::MAX;
+
+pub type pm_hits = u32;
+pub const PM_HITS_ALL: pm_hits = 1;
+pub const PM_HITS_CLOSEST: pm_hits = 2;
+pub const PM_HITS_ANY: pm_hits = 3;
 
 pub type pm_end_reason = u32;
 pub const PM_ENDED_REMOVED: pm_end_reason = 0;
@@ -147,5 +172,8 @@ pub fn index_count(count: usize) -> Result<u32, Failure> {
 const _: () = assert!(size_of::<pm_box>() == size_of::<Aabb>());
 const _: () = assert!(size_of::<pm_sphere>() == size_of::<Sphere>());
 const _: () = assert!(size_of::<pm_filter_data>() == size_of::<FilterData>());
+const _: () = assert!(size_of::<pm_ray>() == size_of::<Ray>());
+const _: () = assert!(size_of::<pm_hit>() == size_of::<Hit>());
+const _: () = assert!(PM_ANY_BOX == Hit::ANY);
 const _: () = assert!(size_of::<pm_pair>() == 8);
 const _: () = assert!(PM_ALL_WORLDS == World::ALL.0);

@@ -23,6 +23,10 @@ impl Number for f32 {
 impl Number for u32 {
     const DTYPE: &'static str = "u4";
 }
+// Numpy reads a truth value as a byte; arrays of them are never written by Python.
+impl Number for bool {
+    const DTYPE: &'static str = "?";
+}
 impl Number for u8 {
     const DTYPE: &'static str = "u1";
 }

@@ -22,6 +22,25 @@ def overlapping(a: Any, b: Any) -> Any:
     return found
 
 
+def distances(points: Any, boxes: Any) -> Any:
+    """How far boxes (columns) are from points (rows)."""
+    points, boxes = np.asarray(points, np.float64)[:, None], np.asarray(boxes, np.float64)
+    gaps = np.maximum(np.maximum(boxes[:, :3] - points, points - boxes[:, 3:]), 0)
+    return np.sqrt((gaps**2).sum(axis=2))
+
+
+def entries(origins: Any, directions: Any, boxes: Any) -> Any:
+    """Where rays along one axis each (rows) enter boxes (columns); infinite where they do not."""
+    found = np.full((len(origins), len(boxes)), np.inf)
+    for ray, (origin, direction) in enumerate(zip(origins, directions)):
+        axis = int(np.argmax(direction))
+        others = [other for other in range(3) if other != axis]
+        within = (boxes[:, others] <= origin[others]) & (origin[others] <= boxes[:, [3 + other for other in others]])
+        is_hit = within.all(axis=1) & (boxes[:, 3 + axis] >= origin[axis])
+        found[ray, is_hit] = np.maximum(boxes[is_hit, axis] - origin[axis], 0)
+    return found
+
+
 def pairs_of(boxes: Any, meet: Any = None) -> Pairs:
     """The pairs (a, b), a < b. `meet` is a matrix of which boxes may meet."""
     found = np.triu(overlapping(boxes, boxes), 1)

@@ -166,6 +166,35 @@ def test_queries(session: pairmask.Session) -> None:
     assert scene.query(asked[0]).shape[1] == 2 and scene.query(np.zeros((0, 6))).shape == (0, 2)
 
 
+def test_casts(session: pairmask.Session) -> None:
+    boxes = oracle.boxes_of(300, 5)
+    scene = session.scene()
+    scene.edit().set(range(300), boxes).commit("nothing")
+    points = oracle.boxes_of(20, 6, spread=2)[:, :3].astype(np.float64)
+    distances = oracle.distances(points, boxes)
+    near = scene.nearest(points, closest=8)
+    assert near.pairs[:, 0].tolist() == np.repeat(np.arange(20), 8).tolist()
+    np.testing.assert_allclose(near.distances.reshape(20, 8), np.sort(distances)[:, :8], rtol=1e-6)
+    np.testing.assert_allclose(near.distances, distances[tuple(near.pairs.T)], rtol=1e-6)
+    within = scene.nearest(points, radius=0.0)
+    assert sorted(map(tuple, within.pairs.tolist())) == list(map(tuple, np.argwhere(distances == 0).tolist()))
+
+    directions = np.where(np.arange(20)[:, None] % 3 == np.arange(3), 1.0, 0.0)
+    entries = oracle.entries(points, directions, boxes)
+    hits = scene.cast(points, directions)
+    assert sorted(map(tuple, hits.pairs.tolist())) == list(map(tuple, np.argwhere(np.isfinite(entries)).tolist()))
+    np.testing.assert_allclose(hits.distances, entries[tuple(hits.pairs.T)], rtol=1e-6)
+    first = scene.cast(points, directions, closest=1)
+    are_hit = np.isfinite(entries).any(axis=1)
+    assert first.pairs[:, 0].tolist() == np.flatnonzero(are_hit).tolist()
+    assert scene.is_hit(points, directions).tolist() == are_hit.tolist()
+    assert not scene.is_hit(points, [0, 0, 1], most=-1).any()
+    assert scene.cast(points[0], directions[:3], most=[1, 2, 3], half_extents=[0, 0, 1]).pairs.shape[1] == 2
+    assert scene.cast(np.zeros((0, 3)), [1, 0, 0]).distances.shape == (0,)
+    with pytest.raises(ValueError, match="2 rows for 20 rays: give one for each, or one for all"):
+        scene.cast(points, directions, most=[1, 2])
+
+
 @BACKENDS
 @MARGINS
 def test_a_scene_is_left_alone_while_its_edit_is_under_way(daemon: Daemon, backend: str, margins: Any) -> None:

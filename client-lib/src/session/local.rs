@@ -24,7 +24,7 @@ use super::written::Written;
 const MOST_REPLY_BYTES: u64 = 1 << 30;
 /// What a query of a scene asks.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Asked<'a> {
+pub(super) struct Query<'a> {
     pub boxes: &'a [Aabb],
     pub filter_data: QueryFilterData<'a>,
     pub encoding: Encoding,
@@ -169,7 +169,7 @@ impl Local {
     pub(super) fn query(
         &self,
         scene: &mut Scene,
-        asked: &Asked<'_>,
+        asked: &Query<'_>,
     ) -> Result<PairMask, QueryError> {
         let threads = scene.threads();
         self.found(asked, threads, |found| scene.query(asked.boxes, asked.filter_data, found))
@@ -178,7 +178,7 @@ impl Local {
     /// The mask of pairs [query, index] that are known, by query and then by index.
     pub(super) fn mask_of(
         &self,
-        asked: &Asked<'_>,
+        asked: &Query<'_>,
         known: &[[u32; 2]],
     ) -> Result<PairMask, QueryError> {
         self.found(asked, 1, |found| {
@@ -190,11 +190,11 @@ impl Local {
     /// The mask of what `find` finds for queries, with so many threads.
     fn found(
         &self,
-        asked: &Asked<'_>,
+        asked: &Query<'_>,
         threads: usize,
         find: impl FnOnce(&mut Vec<[u32; 2]>) -> Result<u64, QueryError>,
     ) -> Result<PairMask, QueryError> {
-        let Asked { boxes, encoding, mask, .. } = *asked;
+        let Query { boxes, encoding, mask, .. } = *asked;
         let (mut memory, mut found) = (self.spares.replies.take(), self.spares.found.take());
         let answer = mask.answer(boxes, encoding, threads, &mut found, &mut memory, find)?;
         self.spares.found.give(found);

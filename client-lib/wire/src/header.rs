@@ -91,6 +91,8 @@ pub enum Operation {
     CommitShared = 9,
     /// Leave such a scene.
     LeaveShared = 10,
+    /// Find the boxes of a scene that rays hit or spheres touch.
+    CastScene = 11,
 }
 
 impl RequestHeader {

@@ -32,11 +32,11 @@ pub use rules::{
     WORLD_RANGE_WORDS, world_ranges_in, write_world_ranges,
 };
 pub use scene::{
-    AgreedTerms, EditLayout, EditScratch, EndedPairs, JoinRequest, LONGEST_TICK, LeaseAction,
-    LeaseRequest, QueryRequest, SceneAnswerLayout, SceneId, SceneName, SceneNameError, SceneReply,
-    SceneRequest, SharedTerms, TermsDiffer, TickMarks, lease_detail, lease_error, not_leased,
-    not_leased_detail, parse_joined, parse_leased, response_joined, response_leased,
-    response_scene, response_scene_ended,
+    AgreedTerms, CastReply, CastRequest, EditLayout, EditScratch, EndedPairs, JoinRequest,
+    LONGEST_TICK, LeaseAction, LeaseRequest, QueryRequest, SceneAnswerLayout, SceneId, SceneName,
+    SceneNameError, SceneReply, SceneRequest, SharedTerms, TermsDiffer, TickMarks, lease_detail,
+    lease_error, not_leased, not_leased_detail, parse_joined, parse_leased, response_cast,
+    response_joined, response_leased, response_scene, response_scene_ended,
 };
 pub use section::{SECTION_COUNT, Section, SectionKind};
 pub use status::{
@@ -49,7 +49,7 @@ pub use status_code::{ENGINE_IS_OPENING, StatusCode};
 pub const VERSION_MAJOR: u16 = 1;
 /// Minor version, raised when a form of objects, an encoding, an engine, an operation, a section or a step of an edit is
 /// added. A client asks only a daemon of its own minor version or a later one.
-pub const VERSION_MINOR: u16 = 11;
+pub const VERSION_MINOR: u16 = 12;
 /// "PMRQ" in memory order. A wrong magic means that the writer is no pairmask client.
 pub const REQUEST_MAGIC: u32 = u32::from_le_bytes(*b"PMRQ");
 /// "PMRS" in memory order.

@@ -10,7 +10,7 @@ use crate::header::{Operation, RequestHeader, engine_number, thread_number, thre
 use crate::page::Page;
 use crate::reject::Reject;
 use crate::rules::{PARTS, RulesSections};
-use crate::scene::{JoinRequest, LeaseRequest, QueryRequest, SceneId, SceneRequest};
+use crate::scene::{CastRequest, JoinRequest, LeaseRequest, QueryRequest, SceneId, SceneRequest};
 use crate::section::{SECTION_COUNT, Section, SectionKind, has, slots};
 use crate::{REQUEST_MAGIC, VERSION_MAJOR};
 
@@ -111,6 +111,8 @@ pub enum Request {
     EndScene(SceneId),
     /// Find the boxes of a scene that other boxes overlap.
     QueryScene(QueryRequest),
+    /// Find the boxes of a scene that rays hit or spheres touch.
+    CastScene(CastRequest),
     /// Join a shared scene.
     JoinShared(JoinRequest),
     /// Lease indices of a shared scene, or give them back.
@@ -188,6 +190,7 @@ impl Request {
             Operation::QueryScene => {
                 QueryRequest::parse(header, payload_bytes).map(Self::QueryScene)
             }
+            Operation::CastScene => CastRequest::parse(header, payload_bytes).map(Self::CastScene),
             Operation::EndScene => Ok(Self::EndScene(scene)),
             Operation::JoinShared => {
                 JoinRequest::parse(header, payload_bytes).map(Self::JoinShared)
@@ -260,7 +263,9 @@ fn is_known(section: &Section, operation: u32) -> bool {
             && (is_of(&PARTS.map(|(kind, ..)| kind)) || is_of(&[SectionKind::CachedRules]))
         || is_one_of(&[Operation::EditScene, Operation::CommitShared])
             && is_of(&[SectionKind::SceneSteps, SectionKind::SceneIndices])
-        || is_one_of(&[Operation::QueryScene]) && is_of(&[SectionKind::QueryFilterData])
+        || is_one_of(&[Operation::QueryScene, Operation::CastScene])
+            && is_of(&[SectionKind::QueryFilterData])
+        || is_one_of(&[Operation::CastScene]) && is_of(&[SectionKind::Rays])
         || is_one_of(&[Operation::JoinShared]) && is_of(&[SectionKind::SceneName])
 }
 

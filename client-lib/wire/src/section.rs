@@ -86,6 +86,10 @@ pub enum SectionKind {
     LateRanges = 25,
     /// Nothing: the rules of a frame are those that the daemon keeps under the number in the header.
     CachedRules = 26,
+    /// Rays, ten f32 each: origin, direction, most, half extents.
+    Rays = 27,
+    /// Hits: query u32, index u32, distance f32.
+    Hits = 28,
 }
 
 impl SectionKind {

@@ -8,11 +8,12 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use pairmask_core::cast::Hit;
 use pairmask_core::dispatch::{CpuEngines, nanoseconds_since};
 use pairmask_core::engine::CullError;
 use pairmask_core::plan::GpuCost;
 use pairmask_core::scene::{
-    Edit, FilterHistory, QueryError, QueryFilterData, Report, Reported, Scene, SceneError,
+    Cast, Edit, FilterHistory, QueryError, QueryFilterData, Report, Reported, Scene, SceneError,
     SceneOptions,
 };
 use pairmask_core::{Aabb, EngineChoice, EngineName};
@@ -255,6 +256,19 @@ impl SceneHost {
                 // One session uses a GPU at a time.
                 let _turns = self.gpus.turns(|gpu| scene.is_on(gpu));
                 scene.query(queries, filter_data, found)
+            }
+        }
+    }
+}
+
+impl SceneHost {
+    /// As [`Scene::cast`]. The cores answer, from a copy of the boxes where they are in video memory.
+    pub fn cast(&mut self, cast: &Cast<'_>, found: &mut Vec<Hit>) -> Result<u64, QueryError> {
+        match &mut self.side {
+            Side::Cores(scene) => scene.cast(cast, found),
+            Side::Gpu(scene) => {
+                let _turns = self.gpus.turns(|gpu| scene.is_on(gpu));
+                scene.cast(cast, found)
             }
         }
     }

@@ -150,6 +150,11 @@ impl Outbox {
         counters.skips = counters.skips.plus(&skips);
     }
 
+    /// Counts what a cast is answered with.
+    pub(crate) fn count_cast(&self, fields: &ReplyFields, hits: u64) {
+        locked(&self.counters).note_frame(fields, ObjectForm::Boxes(BoxForm::F32), hits);
+    }
+
     pub(crate) fn refuse(&self, open: &mut OpenRequest, refusal: &Refusal) {
         let fields = open.fields;
         log::debug!("client {:016x}: {}", fields.client_token, refusal.text);

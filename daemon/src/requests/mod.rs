@@ -3,6 +3,7 @@
 //! An operation is a file here and an arm in `Responder::open`. Threads take requests side by side,
 //! of one session one at a time.
 
+mod asked;
 mod cull;
 mod filtered;
 mod gpu_lines;
@@ -18,6 +19,7 @@ use pairmask_core::engine::CullError;
 use pairmask_transport::{FreeChunks, PortTurn, Services, WakeClient};
 use pairmask_wire::{CullRequest, PAGE_BYTES, Request, StatusBody, response_status};
 
+use self::asked::Asked;
 use self::cull::Culls;
 use self::scene::{SceneEdits, SceneTools};
 use self::shared::SharedScenes;
@@ -141,10 +143,10 @@ impl Responder {
                 return Err(self.scenes.take(open, &request, threads));
             }
             Ok(Request::QueryScene(request)) => {
-                return Err(match request.revision {
-                    Some(revision) => self.scenes.query(open, &request, revision, threads),
-                    None => self.shared.query(open, &request, threads),
-                });
+                return Err(self.ask(open, Asked::Query(&request), threads));
+            }
+            Ok(Request::CastScene(request)) => {
+                return Err(self.ask(open, Asked::Cast(&request), threads));
             }
             Ok(Request::CommitShared(request)) => {
                 return Err(self.shared.commit(open, &request));
@@ -170,6 +172,13 @@ impl Responder {
         }
         open.close();
         Err(Served::OTHER)
+    }
+
+    fn ask(&self, open: OpenRequest, asked: Asked<'_>, threads: usize) -> Served {
+        match asked.revision() {
+            Some(revision) => self.scenes.ask(open, asked, revision, threads),
+            None => self.shared.ask(open, asked, threads),
+        }
     }
 
     pub fn tidy(&self) {

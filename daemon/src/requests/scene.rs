@@ -7,16 +7,16 @@ use std::time::Instant;
 use pairmask_core::dispatch::{CpuEngines, StageTimes};
 use pairmask_core::engine::{AvailableIsa, CullError, ReplyBuffer};
 use pairmask_core::plan::Calibration;
-use pairmask_core::precision::BoxSlice;
-use pairmask_core::scene::{BeyondMask, Edit, QueryError, Reported, SceneError, SceneOptions};
-use pairmask_core::{BoxCount, EngineChoice, EngineName};
+use pairmask_core::scene::{Edit, Reported, SceneError, SceneOptions};
+use pairmask_core::{EngineChoice, EngineName};
 use pairmask_wire::{
-    EditScratch, QueryRequest, Reject, ReplyFields, SceneAnswerLayout, SceneId, SceneRequest,
-    TickMarks, response_scene, response_scene_ended,
+    EditScratch, ReplyFields, SceneAnswerLayout, SceneId, SceneRequest, TickMarks, response_scene,
+    response_scene_ended,
 };
 
+use super::asked::Asked;
 use super::{Served, threads_of};
-use crate::audit::{AuditedScene, Auditor, NotedName, SceneNote};
+use crate::audit::{Auditor, NotedName, SceneNote};
 use crate::clients::{GpuNeed, PendingBoxes, SceneMemory, SceneRoom, SessionScene};
 use crate::execute::{EnginePool, Gpus, SceneHost, is_left_to_cores};
 use crate::publish::{OpenRequest, Outbox, Refusal};
@@ -69,24 +69,25 @@ impl SceneEdits {
         })
     }
 
-    pub(super) fn query(
+    /// Answers a query or a cast.
+    pub(super) fn ask(
         &self,
         open: OpenRequest,
-        request: &QueryRequest,
+        asked: Asked<'_>,
         revision: u64,
         threads: usize,
     ) -> Served {
-        let threads = threads_of(request.threads, threads);
+        let threads = threads_of(asked.threads(), threads);
         let session = open.sender.session;
-        let found = self.find_at(session, request.scene, revision);
+        let found = self.find_at(session, asked.scene(), revision);
         self.serve(open, found, threads, |kept, open| {
             // A scene in video memory has work for the pool only where its queries fill a copy of several
             // threads. Else a thread of it would be woken for nothing.
-            let are_few = kept.scene.engine().is_gpu() && request.mask.queries() <= FEW_QUERIES;
+            let are_few = asked.is_of_gpu(&kept.scene) && asked.count() <= FEW_QUERIES;
             let answer = || {
                 let SessionScene { scene, scratch, found, room, audited, .. } = kept;
-                let asked = (&mut *scene, &mut *found, audited.as_ref());
-                let answered = answer_query(asked, open, request, threads, &self.outbox);
+                let of = (&mut *scene, &mut *found, audited.as_ref());
+                let answered = asked.answer(of, open, threads, &self.outbox);
                 room.note(scene, bytes_of(found) + scratch.allocated_bytes() as u64);
                 answered
             };
@@ -271,66 +272,10 @@ impl<E: Into<Refusal>> From<E> for Failed {
     }
 }
 
-/// Most pairs whose memory a scene keeps between queries: 8 MiB, 2,048 pages. To find more takes far longer than
-/// to map their memory.
-const MOST_KEPT_PAIRS: usize = 1 << 20;
-
 /// Most queries of a scene in video memory that are answered without the pool: 24 bytes each, so that the copy
 /// to where the GPU sees them is one thread's.
 const FEW_QUERIES: u32 = 1 << 15;
 
 pub(super) const fn bytes_of(found: &Vec<[u32; 2]>) -> u64 {
     (found.capacity() * size_of::<[u32; 2]>()) as u64
-}
-
-/// Why a query has no answer.
-fn unanswered(error: QueryError) -> Failed {
-    match error {
-        // Its boxes are lost with the device's memory: the client sends them again.
-        QueryError::Cull(CullError::DeviceLost { .. }) => Failed::Lost(Refusal::stale_scene(0)),
-        QueryError::Cull(error) => error.into(),
-        // Whether there is enough filter data was checked with the header.
-        _ => Reject::Query("filter data").into(),
-    }
-}
-
-/// Answers a query of a scene, with memory for what is found, and with its audit if it has one.
-pub(super) fn answer_query(
-    (scene, found, audited): (&mut SceneHost, &mut Vec<[u32; 2]>, Option<&AuditedScene>),
-    open: &mut OpenRequest,
-    request: &QueryRequest,
-    threads: usize,
-    outbox: &Outbox,
-) -> Result<(), Failed> {
-    scene.set_threads(threads);
-    scene.limit_query_pairs(open.limit_pairs());
-    let taken_at = open.taken_at;
-    let begun = Instant::now();
-    let answer = {
-        let (pages, mut reply) = open.payload_and_reply();
-        let malformed = Reject::Query("payload");
-        let (queries, filter_data) = request.read(pages).ok_or(malformed)?;
-        request.mask.answer(queries, request.encoding, threads, found, &mut reply, |found| {
-            scene.query(queries, filter_data, found).map_err(unanswered)
-        })
-    };
-    if found.capacity() > MOST_KEPT_PAIRS {
-        *found = Vec::new();
-    }
-    let mut answer = answer?;
-    answer.engine = scene.engine();
-    answer.times.ingest_ns = begun.duration_since(taken_at).as_nanos() as u64;
-    let queries = BoxCount::new(request.mask.queries());
-    if let Some(window) = outbox.answer_query(open, queries, answer, audited)
-        && let Some((queries, filter_data)) = request.read(open.pages())
-    {
-        outbox.auditor.submit(window, BoxSlice::from(queries).into(), None, &filter_data);
-    }
-    Ok(())
-}
-
-impl From<BeyondMask> for Refusal {
-    fn from(_: BeyondMask) -> Self {
-        Reject::Query("object count").into()
-    }
 }

@@ -1,15 +1,16 @@
-//! A client that forges queries of a scene and frames of two sets, and changes them while the daemon reads
+//! A client that forges queries of a scene, casts into it and frames of two sets, and changes them while the daemon reads
 //! them.
 
 use std::time::Duration;
 
 use bytemuck::{cast_slice, cast_slice_mut};
+use pairmask_core::cast::{Hits, Ray, Shapes};
 use pairmask_core::filters::FilterData;
 use pairmask_core::precision::BoxForm;
 use pairmask_core::scene::{Edit, QueryFilterData, QueryMask, Report, Sets, Step};
-use pairmask_core::{Aabb, BoxCount, Encoding};
+use pairmask_core::{Aabb, BoxCount, Encoding, Sphere};
 use pairmask_wire::{
-    CullRequest, EditLayout, Page, QueryRequest, RequestHeader, SceneId, SceneRequest,
+    CastRequest, CullRequest, EditLayout, Page, QueryRequest, RequestHeader, SceneId, SceneRequest,
     SceneSections,
 };
 use pairmaskd::scene::Random;
@@ -44,7 +45,7 @@ fn edit(client: &RawClient, dice: &mut Random, revision: u64) -> Option<bool> {
     Some(answered.status == 0)
 }
 
-/// A query or a frame of two sets, as it should be, in the payload.
+/// A query, a cast or a frame of two sets, as it should be, in the payload.
 fn request(dice: &mut Random, frame: u64, revision: u64, payload: &mut [Page]) -> RequestHeader {
     let count = dice.below(70) as u32;
     if dice.below(3) == 0 {
@@ -63,6 +64,19 @@ fn request(dice: &mut Random, frame: u64, revision: u64, payload: &mut [Page]) -
         1 => QueryFilterData::One(FilterData::default()),
         _ => QueryFilterData::Each(&filter_data),
     };
+    if dice.below(2) == 0 {
+        let points: Vec<[f32; 3]> =
+            (0..count).map(|_| [(); 3].map(|()| dice.below(12) as f32)).collect();
+        let rays: Vec<Ray> = points.iter().map(|at| Ray::new(*at, [1.0, 0.5, 0.0])).collect();
+        let spheres: Vec<Sphere> = points.iter().map(|at| Sphere::new(*at, 3.0)).collect();
+        let shapes =
+            if dice.below(2) == 0 { Shapes::Rays(&rays) } else { Shapes::Spheres(&spheres) };
+        let hits = [Hits::All, Hits::Closest(3), Hits::Any][dice.below(3) as usize];
+        let request = CastRequest::new(SCENE, Some(revision), shapes, hits, &filter_data);
+        let request = request.expect("few shapes");
+        let _ = request.write(shapes, &filter_data, payload);
+        return RequestHeader::cast_scene(FORGING.token, frame, &request);
+    }
     let encoding = Encoding::ALL[dice.below(3) as usize];
     let mask = QueryMask::new(count as usize, BOXES).expect("few objects");
     let request = QueryRequest::new(SCENE, Some(revision), mask, encoding, &filter_data);

@@ -165,22 +165,33 @@ impl Model {
                 QueryFilterData::One(filter_data) => Some(filter_data),
                 QueryFilterData::Each(filter_data) => Some(filter_data[number]),
             };
-            for (index, body) in self.bodies.iter().filter(|(_, body)| body.is_on) {
-                let meets = filter_data.is_none_or(|filter_data| {
-                    let asks = Body {
-                        b: *query,
-                        filter_data,
-                        is_static: filter_data.is_static(),
-                        ..*body
-                    };
-                    self.rules_allow([&asks, body], false, false)
-                });
-                if meets && overlap(query, &body.b) {
-                    pairs.push([number as u32, *index]);
-                }
-            }
+            let found = self.found_by(filter_data).filter(|(_, b)| overlap(query, b));
+            pairs.extend(found.map(|(index, _)| [number as u32, index]));
         }
         pairs
+    }
+
+    /// The boxes that a query with filter data, or none, may find.
+    fn found_by(&self, filter_data: Option<FilterData>) -> impl Iterator<Item = (u32, Aabb)> {
+        let may_find = move |(_, body): &(&u32, &Body)| {
+            body.is_on
+                && filter_data.is_none_or(|filter_data| {
+                    let is_static = filter_data.is_static();
+                    let asks = Body { is_static, filter_data, ..**body };
+                    self.rules_allow([&asks, body], false, false)
+                })
+        };
+        self.bodies.iter().filter(may_find).map(|(index, body)| (*index, body.b))
+    }
+
+    /// The same by index, with [`Aabb::EMPTY`] for all others.
+    pub fn boxes_found_by(&self, filter_data: Option<FilterData>) -> Vec<Aabb> {
+        let mut boxes = Vec::new();
+        for (index, b) in self.found_by(filter_data) {
+            boxes.resize(index as usize, Aabb::EMPTY);
+            boxes.push(b);
+        }
+        boxes
     }
 
     pub fn boxes(&self) -> impl Iterator<Item = Aabb> {

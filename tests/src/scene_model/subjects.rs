@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 
 use pairmask::{Scene, SceneAnswer, SceneEdit, ServedBy, Session};
 use pairmask_core::Aabb;
+use pairmask_core::cast::{Hit, Hits, Ray, Shapes};
 use pairmask_core::engine::{EngineId, EngineName};
 use pairmask_core::scene::{
-    Edit, QueryError, QueryFilterData, Report, Reported, Scene as CoreCrateScene, SceneError,
+    Cast, Edit, QueryError, QueryFilterData, Report, Reported, Scene as CoreCrateScene, SceneError,
     SceneOptions,
 };
 use pairmaskd::execute::gpu::GpuScene;
@@ -15,6 +16,7 @@ use super::check::Subject;
 use super::grouped::{Grouped, a_margin, margins_for};
 use super::model::Received;
 use super::script::{Fate, Op, Pair, Script, Turn};
+use crate::casts::a_ray;
 use crate::queried::a_query;
 use crate::received;
 use crate::stress_scenes::Rng;
@@ -42,6 +44,7 @@ pub trait BareScene {
         queries: &[Aabb],
         filter_data: QueryFilterData<'_>,
     ) -> Result<Vec<Pair>, QueryError>;
+    fn cast(&mut self, cast: &Cast<'_>) -> Result<Vec<Hit>, QueryError>;
 }
 
 macro_rules! bare_scene {
@@ -66,6 +69,10 @@ macro_rules! bare_scene {
             ) -> Result<Vec<Pair>, QueryError> {
                 let mut found = Vec::new();
                 <$scene>::query(self, queries, filter_data, &mut found).map(|_| found)
+            }
+            fn cast(&mut self, cast: &Cast<'_>) -> Result<Vec<Hit>, QueryError> {
+                let mut found = Vec::new();
+                <$scene>::cast(self, cast, &mut found).map(|_| found)
             }
         }
     };
@@ -95,7 +102,11 @@ impl<S: BareScene> Bare<S> {
         let count = [0, 0, 1, 3, 70, 200][rng.below(6) as usize];
         let queries: Vec<Aabb> = (0..count).map(|_| a_query(rng, 20.0)).collect();
         let found = self.scene.query(&queries, QueryFilterData::None);
-        found.map(drop).map_err(|error| error.to_string())
+        found.map_err(|error| error.to_string())?;
+        let rays: Vec<Ray> = (0..count).map(|_| a_ray(rng, 20.0)).collect();
+        let (shapes, filter_data) = (Shapes::Rays(&rays), QueryFilterData::None);
+        let cast = Cast { shapes, hits: Hits::Closest(2), filter_data, most_hits: 1 << 20 };
+        self.scene.cast(&cast).map(drop).map_err(|error| error.to_string())
     }
 }
 

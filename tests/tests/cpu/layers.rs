@@ -135,5 +135,6 @@ fn the_library_exports_few_types() {
     let names = paths.filter_map(|path| path.rsplit([':', ' ']).next());
     let types: BTreeSet<&str> = names.filter(|name| name.starts_with(char::is_uppercase)).collect();
     assert!(types.contains("DaemonStatus") && types.contains("Scene"), "{types:?}");
-    assert!(types.len() <= 45, "{} types: {types:?}", types.len());
+    // Six of them are those of casts.
+    assert!(types.len() <= 51, "{} types: {types:?}", types.len());
 }

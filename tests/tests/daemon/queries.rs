@@ -2,8 +2,9 @@
 //! answer is what comparing each with each gives.
 
 use pairmask::{Margin, QueryAnswer, SceneEdit, SceneOptions};
+use pairmask_core::cast::Hit;
 use pairmask_core::filters::FilterData;
-use pairmask_core::scene::{QueryError, Scene, SceneOptions as CoreOptions, between};
+use pairmask_core::scene::{Cast, QueryError, Scene, SceneOptions as CoreOptions, between};
 use pairmask_tests::frames::two_sets;
 use pairmask_tests::prelude::*;
 use pairmask_tests::queried::{QueriedScene, Queries, a_query};
@@ -66,6 +67,17 @@ impl QueriedScene for Remote<'_> {
         assert_eq!(answer.mask().encoding(), encoding);
         self.served.push(answer.served_by());
         read(&answer, queries.len() as u32)
+    }
+
+    fn cast(&mut self, cast: &Cast<'_>) -> Vec<Hit> {
+        (self.before)();
+        let answer = self.scene.cast_filtered(cast.shapes, cast.hits, cast.filter_data).unwrap();
+        self.served.push(answer.served_by());
+        let queries = cast.shapes.len() as u32;
+        assert_eq!(answer.queries(), queries);
+        let by_query: Vec<Hit> = (0..=queries).flat_map(|q| answer.of_query(q)).copied().collect();
+        assert_eq!(by_query, answer.hits());
+        by_query
     }
 }
 
@@ -220,8 +232,8 @@ fn a_reply_that_is_too_small_refuses_a_query_and_the_scene_stays() {
 }
 
 #[test]
-fn the_model_notices_a_pair_that_is_missing() {
-    struct Discarding(Scene);
+fn the_model_notices_a_pair_and_a_hit_that_are_missing() {
+    struct Discarding(Scene, [bool; 2]);
     impl QueriedScene for Discarding {
         fn edit(&mut self, edit: Edit<'_>) {
             QueriedScene::edit(&mut self.0, edit);
@@ -233,14 +245,23 @@ fn the_model_notices_a_pair_that_is_missing() {
             e: Encoding,
         ) -> Vec<Pair> {
             let mut found = QueriedScene::query(&mut self.0, boxes, filter_data, e);
-            found.pop();
+            found.truncate(found.len() - usize::from(self.1[0] && !found.is_empty()));
+            found
+        }
+        fn cast(&mut self, cast: &Cast<'_>) -> Vec<Hit> {
+            let mut found = QueriedScene::cast(&mut self.0, cast);
+            found.truncate(found.len() - usize::from(self.1[1] && !found.is_empty()));
             found
         }
     }
-    let mut scene = Discarding(Scene::new(CoreOptions::default()));
-    let checked =
-        std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| check(&mut scene, 4, 40, 80)));
-    assert!(checked.is_err());
+    for (discards, is_right) in
+        [([false, false], true), ([true, false], false), ([false, true], false)]
+    {
+        let mut scene = Discarding(Scene::new(CoreOptions::default()), discards);
+        let checked =
+            std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| check(&mut scene, 4, 40, 80)));
+        assert_eq!(checked.is_ok(), is_right);
+    }
 }
 
 fn naive(first: &[Aabb], second: &[Aabb]) -> Vec<Pair> {

@@ -4,20 +4,22 @@
 //! edited   a scene with its edit: written, under way, or answered
 //! edit     the functions that write an edit
 //! answer   the functions that send it and wait for its answer
+//! asked    the functions that ask a scene, and change nothing
 //! shared   the functions of scenes that several processes write
 //! ```
 #![allow(unsafe_code)]
 
 mod answer;
+mod asked;
 mod edit;
 mod edited;
 mod shared;
 
 use std::ops::Range;
 
-use bytemuck::{cast, cast_slice};
+use bytemuck::cast;
+use pairmask::cast::Hit;
 use pairmask::{Margin, SceneOptions};
-use pairmask_core::scene::QueryFilterData;
 
 use self::answer::Lists;
 use self::edited::{Edited, State};
@@ -27,7 +29,7 @@ use crate::failure::Failure;
 use crate::handles::Handle;
 use crate::memory::{In, Out, raw};
 use crate::session::pm_session;
-use crate::values::{if_any, pm_box, pm_filter_data, pm_pair, pm_range, to_pairs};
+use crate::values::{if_any, pm_box, pm_range};
 
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(C)]
@@ -39,16 +41,17 @@ pub struct pm_scene {
 pub struct Scene {
     state: State,
     lists: Lists,
-    /// What the last query has found.
+    /// What the last query has found, and the last cast.
     found: Vec<[u32; 2]>,
+    hits: Vec<Hit>,
     /// What this member had leased when it was asked last.
     leases: Vec<pm_range>,
 }
 
 impl Scene {
     fn new(scene: pairmask::Scene) -> Self {
-        let (lists, found, leases) = Default::default();
-        Self { state: State::new(scene), lists, found, leases }
+        let (lists, found, hits, leases) = Default::default();
+        Self { state: State::new(scene), lists, found, hits, leases }
     }
 }
 
@@ -174,33 +177,6 @@ pub extern "C" fn pm_scene_get_info(scene: pm_scene, info: Out<pm_scene_info>) -
                     ..Default::default()
                 }
             })
-        })
-    })
-}
-
-#[unsafe(no_mangle)]
-pub extern "C" fn pm_scene_query(
-    scene: pm_scene,
-    boxes: In<pm_box>,
-    n: usize,
-    filter_data: In<pm_filter_data>,
-    filter_data_count: usize,
-    found: Out<*const pm_pair>,
-    count: Out<usize>,
-) -> pm_code {
-    found.give_list(count, || {
-        let (boxes, filter_data) =
-            (cast_slice(boxes.array(n)?), cast_slice(filter_data.array(filter_data_count)?));
-        scene.with(|scene| {
-            let filter_data = match filter_data {
-                [] => QueryFilterData::None,
-                [filter_data] => QueryFilterData::One(*filter_data),
-                filter_data => QueryFilterData::Each(filter_data),
-            };
-            let answer = scene.state.end()?.scene.query_filtered(boxes, filter_data)?;
-            scene.found.clear();
-            answer.for_each_slice(|pairs| scene.found.extend_from_slice(pairs));
-            Ok(raw(to_pairs(&scene.found)))
         })
     })
 }

@@ -387,6 +387,24 @@ static void scenes(pm_session session) {
   const pm_filter_data filter_data[] = {other_world, other_world, other_world};
   EXPECT(PM_ERR_QUERY_FILTER_DATA, pm_scene_query(scene, &a, 1, filter_data, 3, &pairs, &count));
 
+  const float start = a.min[0] - 4;
+  const pm_ray ray = {{start, a.min[1], a.min[2]}, {2, 0, 0}, INFINITY, {0, 0, 0}};
+  const pm_ray away = {{start, a.min[1], a.min[2]}, {-1, 0, 0}, INFINITY, {0, 0, 0}};
+  const pm_ray rays[] = {away, ray};
+  const pm_hit *hits = NULL;
+  EXPECT(PM_OK, pm_scene_cast(scene, rays, 2, PM_HITS_CLOSEST, 1, NULL, 0, &hits, &count));
+  CHECK(count == 1 && hits->query == 1 && hits->index == 7 && hits->distance == 2);
+  EXPECT(PM_OK, pm_scene_cast(scene, rays, 2, PM_HITS_ANY, 0, NULL, 0, &hits, &count));
+  CHECK(count == 1 && hits->query == 1 && hits->index == PM_ANY_BOX);
+  EXPECT(PM_OK, pm_scene_cast(scene, rays, 2, PM_HITS_ALL, 0, &other_world, 1, &hits, &count));
+  CHECK(count == 0);
+  EXPECT(PM_ERR_ARGUMENT, pm_scene_cast(scene, rays, 2, 9, 0, NULL, 0, &hits, &count));
+  EXPECT(PM_ERR_QUERY_FILTER_DATA,
+         pm_scene_cast(scene, rays, 2, PM_HITS_ALL, 0, filter_data, 3, &hits, &count));
+  const pm_sphere sphere = {{start, a.min[1], a.min[2]}, INFINITY};
+  EXPECT(PM_OK, pm_scene_nearest(scene, &sphere, 1, PM_HITS_ALL, 0, NULL, 0, &hits, &count));
+  CHECK(count == 2 && hits[0].index == 7 && hits[0].distance == 4 && hits[1].index == 9);
+
   EXPECT(PM_OK, pm_scene_set_enabled(scene, one(7), false));
   changes(scene, *expected, 0, 1, PM_ENDED_FILTERED);
   EXPECT(PM_OK, pm_scene_set_enabled(scene, one(7), true));

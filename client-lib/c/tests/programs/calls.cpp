@@ -4,6 +4,7 @@
 #include "check.h"
 
 #include <array>
+#include <limits>
 #include <vector>
 #if __cplusplus >= 202002L
 #include <span>
@@ -103,6 +104,14 @@ void scenes(pm::Session &session) {
   auto answer = scene.commit(PM_REPORT_CHANGES).value();
   CHECK(are(answer.begun(), {{7, 9}}) && answer.ended().empty() && answer.late().empty());
   CHECK(scene.query(std::vector<pm::Box>{at(0)}).value().size() == 2);
+  const float far = std::numeric_limits<float>::infinity();
+  const std::vector<pm::Ray> rays = {{{-4, 0, 0}, {2, 0, 0}, far, {0, 0, 0}}};
+  CHECK(scene.cast(rays, pm::Hits::all()).value().size() == 2);
+  const pm::Span<const pm::Hit> hits = scene.cast(rays, pm::Hits::closest(1)).value();
+  CHECK(hits.size() == 1 && hits[0].query == 0 && hits[0].distance == 2);
+  CHECK(scene.cast(rays, pm::Hits::any()).value()[0].index == PM_ANY_BOX);
+  const std::vector<pm::Sphere> spheres = {{{-4, 0, 0}, far}};
+  CHECK(scene.nearest(spheres, pm::Hits::closest(1)).value()[0].distance == 4);
   scene.set_enabled(pm::index(7), false).value();
   scene.submit(PM_REPORT_CHANGES).value();
   answer = scene.wait().value();

@@ -54,6 +54,7 @@ pub use reply::{ReplyBuffer, ReserveError};
 pub use report::{CullReport, EngineTimes, PairSkips, SkipMeter, StageClock};
 pub(crate) use rules::{PairRules, PairTest, Prepared, sift_each};
 pub use scratch::RecentNeed;
+pub(crate) use tree::order_by_tree;
 
 pub use crate::isa::{AvailableIsa, Isa, IsaError};
 pub use crate::unknown_name::UnknownName;

@@ -20,7 +20,8 @@
 //!   now, and which were removed between. All lists are sorted, so that the bytes do not depend on
 //!   threads, nor on how the pairs were found.
 //!
-//! [`Scene::query`] asks which boxes some other boxes overlap, and changes nothing that is reported.
+//! [`Scene::query`] asks which boxes some other boxes overlap, [`Scene::cast`] which ones rays hit or are nearest to
+//! points; both change nothing that is reported.
 //!
 //! # How
 //!
@@ -65,8 +66,8 @@ pub use self::margins::{ExactPairs, MarginStats, Margined, MarginedSets, Margins
 pub use self::options::SceneOptions;
 pub use self::pair_list::{Sorter as PairSorter, sort_row};
 pub use self::query::{
-    BeyondMask, QueryError, QueryFilterData, QueryMask, between, cull_between, is_small_set,
-    more_pairs_than,
+    BeyondMask, Cast, CastTree, QueryError, QueryFilterData, QueryMask, between, cull_between,
+    is_small_set, more_pairs_than,
 };
 pub use self::rules::{FilterHistory, FilteredBoxes, apply_rules, decide_changes};
 pub use self::snapshot::{BoxSnapshot, HistorySnapshot, SceneSnapshot};

@@ -9,7 +9,7 @@
 
 from . import filters as filters
 from ._answers import EndReason as EndReason, FrameInfo as FrameInfo
-from ._answers import MarginStats as MarginStats, SceneAnswer as SceneAnswer
+from ._answers import Hits as Hits, MarginStats as MarginStats, SceneAnswer as SceneAnswer
 from ._errors import ConnectError as ConnectError, PairmaskError as PairmaskError, WaitTimeout as WaitTimeout
 from ._pairmask import Filter as Filter, FilterTable as FilterTable, Rules as Rules
 from ._pairmask import Frame as Frame, PairMask as PairMask, PendingFrame as PendingFrame, Precision as Precision

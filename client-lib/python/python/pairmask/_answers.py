@@ -50,6 +50,13 @@ class SceneAnswer(NamedTuple):
     late: list[range]  # leases of writers of a shared scene that were late
 
 
+class Hits(NamedTuple):
+    """What rays have hit, or is near points: by query, by distance, and then by index."""
+
+    pairs: Pairs  # (n, 2) rows (query, index)
+    distances: NDArray[np.float32]  # (n)
+
+
 class MarginStats(NamedTuple):
     """Boxes that were set, and how few of them were sent."""
 

@@ -1,7 +1,7 @@
 """What is accepted as an array, and what is refused.
 
 The extension reads float32 arrays (n, columns) where they lie. All other objects come here first. No number is
-rounded here but outward or not at all.
+rounded here but outward or not at all, except for those of rays and points, which are rounded to the nearest.
 """
 
 from collections.abc import Sequence
@@ -69,6 +69,44 @@ def exact(given: Any, columns: int) -> Any:
     if wrong.size:
         raise ValueError(f"{wrong[0]} is no number of float32: round it yourself")
     return narrow
+
+
+def _near(given: Any, columns: int) -> Any:
+    """Rows of float32; numbers that it does not hold are rounded to the nearest."""
+    with np.errstate(over="ignore"):
+        return _floats(given, columns).astype(np.float32, copy=False)
+
+
+def _in_columns(columns: Sequence[tuple[Any, int]], what: str) -> Any:
+    """Columns side by side, each of one row for all or of as many rows as the longest has."""
+    n = max((len(part) for part, _ in columns if len(part) != 1), default=1)
+    array = np.empty((n, sum(width for _, width in columns)), np.float32)
+    at = 0
+    for part, width in columns:
+        if len(part) not in (1, n):
+            raise ValueError(f"{len(part)} rows for {n} {what}: give one for each, or one for all")
+        array[:, at : at + width] = part
+        at += width
+    return array
+
+
+def _numbers(given: Any) -> Any:
+    """A number for all, or one for each, as a column."""
+    return _near(_array(given).reshape(-1, 1), 1)
+
+
+def rays(origins: Any, directions: Any, most: Any, half_extents: Any) -> Any:
+    """Rays as rows of ten float32."""
+    most = _numbers(np.inf if most is None else most)
+    half_extents = _near(np.zeros(3) if half_extents is None else half_extents, 3)
+    columns = [(_near(origins, 3), 3), (_near(directions, 3), 3), (most, 1), (half_extents, 3)]
+    return _in_columns(columns, "rays")
+
+
+def balls(points: Any, radius: Any) -> Any:
+    """Points and how far boxes may be from them, as rows of four float32."""
+    radius = _numbers(np.inf if radius is None else radius)
+    return _in_columns([(_near(points, 3), 3), (radius, 1)], "points")
 
 
 def matrices(given: Any) -> Any:

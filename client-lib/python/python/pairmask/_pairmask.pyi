@@ -5,7 +5,7 @@ from typing import Final, Literal, Self, TypeAlias, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._answers import FrameInfo, MarginStats, Pairs, SceneAnswer
+from ._answers import FrameInfo, Hits, MarginStats, Pairs, SceneAnswer
 
 __version__: str
 
@@ -209,6 +209,42 @@ class Scene:
         filter: _PerBox = None,
         is_static: _PerBox = None,
     ) -> Pairs: ...
+    def cast(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        closest: int | None = None,
+        most: _PerBox = None,
+        half_extents: _PerBox = None,
+        world: _PerBox = None,
+        owner: _PerBox = None,
+        filter: _PerBox = None,
+        is_static: _PerBox = None,
+    ) -> Hits: ...
+    def is_hit(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        most: _PerBox = None,
+        half_extents: _PerBox = None,
+        world: _PerBox = None,
+        owner: _PerBox = None,
+        filter: _PerBox = None,
+        is_static: _PerBox = None,
+    ) -> NDArray[np.bool_]: ...
+    def nearest(
+        self,
+        points: ArrayLike,
+        *,
+        closest: int | None = None,
+        radius: _PerBox = None,
+        world: _PerBox = None,
+        owner: _PerBox = None,
+        filter: _PerBox = None,
+        is_static: _PerBox = None,
+    ) -> Hits: ...
     def resync(self) -> None: ...
     def lease(self, indices: range) -> None: ...
     def lease_any(self, count: int) -> range: ...

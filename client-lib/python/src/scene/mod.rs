@@ -4,28 +4,31 @@
 //! edited    a scene with its edit under way, which borrows it
 //! ops       what an edit does, collected until it is committed
 //! edit, answer      the classes of an edit
+//! asked     what a scene is asked
 //! ```
 
 mod answer;
+mod asked;
 mod edit;
 mod edited;
 mod ops;
 
 use std::sync::Arc;
 
-use pairmask::Scene;
-use pairmask_core::scene::QueryFilterData;
+use pairmask::cast::{Hits, Ray, Shapes};
+use pairmask::{Scene, Sphere};
 use pyo3::prelude::*;
 use pyo3::types::{PyRange, PyRangeMethods};
 
 use self::answer::Indices;
+use self::asked::{filter_data_of, filters, hits_of, shapes};
 pub use self::edit::{PyEdit, PyPendingAnswer};
 pub use self::edited::Edited;
 use crate::arrays::Rows;
 use crate::errors::{invalid, raised};
 use crate::guarded::Guarded;
 use crate::memory::Array;
-use crate::rules::{Part, filter_data};
+use crate::rules::Part;
 
 /// A box as an array (6), which Python may write.
 fn box_array(found: pairmask::Aabb) -> Array {
@@ -97,16 +100,93 @@ impl PyScene {
         is_static: Part<'_, '_>,
     ) -> PyResult<Array> {
         let boxes = boxes.boxes(py)?;
-        let parts = [world, owner, filter, is_static];
-        let has_filter_data = parts.iter().any(Option::is_some);
-        let filter_data =
-            has_filter_data.then(|| filter_data(py, Some(boxes.len()), parts)).transpose()?;
+        let filter_data = filter_data_of(py, boxes.len(), [world, owner, filter, is_static])?;
         let found = self.with_detached(py, |scene| {
-            let filter_data =
-                filter_data.as_deref().map_or(QueryFilterData::None, QueryFilterData::Each);
-            scene.query_filtered(&boxes, filter_data).map(|answer| answer.to_vec())
+            let answer = scene.query_filtered(&boxes, filters(filter_data.as_deref()))?;
+            Ok(answer.to_vec())
         })?;
         Ok(Array::read_only(found))
+    }
+
+    /// Which boxes rays hit: all, or so many of the `closest`. A ray begins at its origin and goes along its direction
+    /// (n, 3), up to `most` times as far, as thick as a box with these half extents. One origin or direction may stand
+    /// for all. Rows (query, index) and distances, by query, by distance in lengths of the direction, and then by index.
+    #[pyo3(signature = (
+        origins, directions, *, closest=None, most=None, half_extents=None,
+        world=None, owner=None, filter=None, is_static=None
+    ))]
+    fn cast<'py>(
+        &self,
+        py: Python<'py>,
+        origins: &Bound<'_, PyAny>,
+        directions: &Bound<'_, PyAny>,
+        closest: Option<u32>,
+        most: Part<'_, '_>,
+        half_extents: Part<'_, '_>,
+        world: Part<'_, '_>,
+        owner: Part<'_, '_>,
+        filter: Part<'_, '_>,
+        is_static: Part<'_, '_>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let given = (origins, directions, most, half_extents);
+        let rays: Vec<Ray> =
+            shapes(py, &imported!(py, "pairmask._convert", "rays")?.call1(given)?)?;
+        let parts = [world, owner, filter, is_static];
+        self.cast_shapes(py, Shapes::Rays(&rays), hits_of(closest), parts)
+    }
+
+    /// Which rays hit any box, as truth values (n): a shadow test. Rays are those of `cast`.
+    #[pyo3(signature = (
+        origins, directions, *, most=None, half_extents=None,
+        world=None, owner=None, filter=None, is_static=None
+    ))]
+    fn is_hit(
+        &self,
+        py: Python<'_>,
+        origins: &Bound<'_, PyAny>,
+        directions: &Bound<'_, PyAny>,
+        most: Part<'_, '_>,
+        half_extents: Part<'_, '_>,
+        world: Part<'_, '_>,
+        owner: Part<'_, '_>,
+        filter: Part<'_, '_>,
+        is_static: Part<'_, '_>,
+    ) -> PyResult<Array> {
+        let given = (origins, directions, most, half_extents);
+        let rays: Vec<Ray> =
+            shapes(py, &imported!(py, "pairmask._convert", "rays")?.call1(given)?)?;
+        let filter_data = filter_data_of(py, rays.len(), [world, owner, filter, is_static])?;
+        let found = self.with_detached(py, |scene| {
+            let filters = filters(filter_data.as_deref());
+            scene.cast_filtered(Shapes::Rays(&rays), Hits::Any, filters)
+        })?;
+        let mut are_hit = vec![[false]; rays.len()];
+        for hit in found.hits() {
+            are_hit[hit.query as usize] = [true];
+        }
+        Ok(Array::read_only(are_hit))
+    }
+
+    /// The boxes nearest to points (n, 3): all, or so many of the `closest`, no farther than `radius`. Rows
+    /// (query, index) and distances, by query, by distance, and then by index.
+    #[pyo3(signature = (
+        points, *, closest=None, radius=None, world=None, owner=None, filter=None, is_static=None
+    ))]
+    fn nearest<'py>(
+        &self,
+        py: Python<'py>,
+        points: &Bound<'_, PyAny>,
+        closest: Option<u32>,
+        radius: Part<'_, '_>,
+        world: Part<'_, '_>,
+        owner: Part<'_, '_>,
+        filter: Part<'_, '_>,
+        is_static: Part<'_, '_>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let rows = imported!(py, "pairmask._convert", "balls")?.call1((points, radius))?;
+        let spheres: Vec<Sphere> = shapes(py, &rows)?;
+        let parts = [world, owner, filter, is_static];
+        self.cast_shapes(py, Shapes::Spheres(&spheres), hits_of(closest), parts)
     }
 
     /// Requests a resync: the next changes are one.

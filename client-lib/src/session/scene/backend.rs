@@ -13,6 +13,7 @@ use pairmask_wire::LeaseAction;
 
 use super::lists::Source;
 use super::options::SceneOptions;
+use super::question::Question;
 use super::remote::{Found, RemoteScene, new_scene};
 use super::sharing::Sharing;
 use crate::session::core::Core;
@@ -63,6 +64,14 @@ impl SceneBackend {
                 scene.edit(edit, report)?;
                 Ok(Awaited::default())
             }
+        }
+    }
+
+    /// Asks the scene as the last edit made it.
+    pub fn ask<Q: Question>(&mut self, core: &Core, question: &Q) -> Result<Q::Answer, Error> {
+        match self {
+            Self::Remote(scene) => scene.ask(question),
+            Self::Here(scene) => question.ask_here(core, scene),
         }
     }
 

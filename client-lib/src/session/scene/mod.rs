@@ -4,24 +4,29 @@
 //! options   what a session asks of a scene
 //! lists     what is reported, in the memory of the daemon's answer or of the scene
 //! sharing   the membership of a scene that several processes write
+//! question  what a scene is asked, by whoever has it
 //! remote    a scene that a daemon keeps, with the copy that this process keeps
 //! backend   the scene, kept by a daemon or in this process, with margins or without
 //! answer    the answer to an edit
 //! edit      what an edit does, until it is sent
 //! query     which boxes some other boxes overlap
+//! cast      which boxes rays hit, and which are nearest
 //! ```
 
 mod answer;
 mod backend;
+mod cast;
 mod edit;
 mod lists;
 mod options;
 mod query;
+mod question;
 mod remote;
 mod sharing;
 
 pub use self::answer::SceneAnswer;
 pub use self::backend::Scene;
+pub use self::cast::HitAnswer;
 pub use self::edit::SceneEdit;
 pub use self::options::SceneOptions;
 pub use self::query::QueryAnswer;

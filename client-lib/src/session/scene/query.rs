@@ -1,6 +1,5 @@
 //! Queries of a scene: which of its boxes some other boxes overlap.
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use pairmask_core::aabb::Aabb;
@@ -8,16 +7,15 @@ use pairmask_core::engine::EngineId;
 use pairmask_core::mask::{Encoding, MaskView};
 use pairmask_core::pacing::{Answered, Estimate};
 use pairmask_core::precision::Precision;
-use pairmask_core::scene::{QueryFilterData, QueryMask};
-use pairmask_wire::{
-    QueryRequest, Reply, ReplyError, ReplyFields, RequestHeader, SceneId, words_in,
-};
+use pairmask_core::scene::{QueryFilterData, QueryMask, Scene as CoreScene};
+use pairmask_wire::{QueryRequest, Reply, ReplyError, ReplyFields, RequestHeader, words_in};
 
 use super::backend::{Scene, SceneBackend};
+use super::question::{Asked, Question};
 use crate::session::core::Core;
 use crate::session::error::Error;
-use crate::session::link::{Exchange, Link};
-use crate::session::local::Asked;
+use crate::session::link::Exchange;
+use crate::session::local::Query;
 use crate::session::pairs::{FrameInfo, PairMask, ServedBy, Storage};
 use crate::session::written::Written;
 
@@ -82,22 +80,19 @@ impl Scene {
         filter_data: QueryFilterData<'_>,
         encoding: Encoding,
     ) -> Result<QueryAnswer, Error> {
-        filter_data.check(boxes)?;
+        filter_data.check(boxes.len())?;
         let index_end = match &self.backend {
             SceneBackend::Remote(remote) => remote.index_end(),
             SceneBackend::Here(here) => here.index_end(),
         };
         let too_many = Error::TooManyQueries { queries: boxes.len(), index_end };
-        let asked = Asked {
+        let asked = Query {
             boxes,
             filter_data,
             encoding,
             mask: QueryMask::new(boxes.len(), index_end).ok_or(too_many)?,
         };
-        let mask = match &mut self.backend {
-            SceneBackend::Remote(remote) => remote.query(&asked)?,
-            SceneBackend::Here(here) => self.core.local().query(here, &asked)?,
-        };
+        let mask = self.backend.ask(&self.core, &asked)?;
         let FrameInfo { served_by, engine, .. } = *mask.info();
         let mut answer = QueryAnswer { mask, queries: asked.mask.queries(), served_by, engine };
         if let Some(margins) = &self.margins {
@@ -113,17 +108,20 @@ impl Scene {
     }
 }
 
-impl Asked<'_> {
-    /// Asks a daemon for a revision of a scene, or for what the last tick made of a shared one.
-    pub(super) fn ask(
-        &self,
-        core: &Core,
-        link: &Arc<Link>,
-        (scene, revision): (SceneId, Option<u64>),
-        threads: Option<usize>,
-        estimate: &mut Estimate,
-    ) -> Result<PairMask, Error> {
+impl Question for Query<'_> {
+    type Answer = PairMask;
+
+    fn is_empty(&self) -> bool {
+        self.boxes.is_empty()
+    }
+
+    fn ask_here(&self, core: &Core, scene: &mut CoreScene) -> Result<PairMask, Error> {
+        Ok(core.local().query(scene, self)?)
+    }
+
+    fn ask(&self, asked: Asked<'_>, estimate: &mut Estimate) -> Result<PairMask, Error> {
         let Self { boxes, filter_data, encoding, mask } = *self;
+        let Asked { core, link, scene, revision, threads, .. } = asked;
         let mut request = QueryRequest::new(scene, revision, mask, encoding, &filter_data);
         request.threads = threads;
         let mut shared = core.loan(link, request.payload_bytes())?;

@@ -29,12 +29,11 @@ use pairmask_wire::{
 };
 
 use super::lists::FromDaemon;
+use super::question::{Asked, Question};
 use super::sharing::{Asked as AskedOf, Before, Sharing, refusal};
 use crate::session::core::{Core, say_refused};
 use crate::session::error::{Error, Loss};
 use crate::session::link::{Exchange, Link};
-use crate::session::local::Asked;
-use crate::session::pairs::PairMask;
 use crate::session::settings::{Backend, Settings};
 use crate::session::unread::{Awaited, SentEdit, Unread};
 
@@ -370,26 +369,23 @@ impl RemoteScene {
 
     /// Asks the scene as the last edit made it; a shared one as the last tick did. A commit that nobody has waited for
     /// may be part of the next tick: it is not waited for here.
-    pub fn query(&mut self, asked: &Asked<'_>) -> Result<PairMask, Error> {
+    pub fn ask<Q: Question>(&mut self, question: &Q) -> Result<Q::Answer, Error> {
         let is_shared = self.sharing.is_some();
         if !is_shared {
             self.settle();
-            if self.copy.is_empty() || asked.boxes.is_empty() {
-                return Ok(self
-                    .core
-                    .local()
-                    .query(&mut new_scene(self.options, &self.core), asked)?);
+            if self.copy.is_empty() || question.is_empty() {
+                return question.ask_here(&self.core, &mut new_scene(self.options, &self.core));
             }
             if self.stays_here() {
-                return self.query_here(asked);
+                return self.ask_here(question);
             }
         }
-        let mut answered = self.ask(asked);
+        let mut answered = self.ask_daemon(question);
         if let Err(error) = &answered
             && is_stale(error)
         {
             self.note_failure(error);
-            answered = self.ask(asked);
+            answered = self.ask_daemon(question);
         }
         let error = match answered {
             Ok(mask) => return Ok(mask),
@@ -402,26 +398,34 @@ impl RemoteScene {
         }
         self.stay(error)?;
         if is_refused {
-            return Ok(self.core.local().query(&mut *self.copied()?, asked)?);
+            let mut copied = self.copied()?;
+            return question.ask_here(&self.core, &mut copied);
         }
-        self.query_here(asked)
+        self.ask_here(question)
     }
 
     /// Asks the daemon, which gets the scene first where it does not have it.
-    fn ask(&mut self, asked: &Asked<'_>) -> Result<PairMask, Error> {
+    fn ask_daemon<Q: Question>(&mut self, question: &Q) -> Result<Q::Answer, Error> {
         let link = self.present()?;
         let Holder::Daemon(there) = &self.holder else {
             return Err(Error::DaemonDied);
         };
         let revision = self.sharing.is_none().then_some(there.revision);
-        let (scene, threads) = ((self.id, revision), self.options.threads);
-        asked.ask(&self.core, &link, scene, threads, &mut self.query_estimate)
+        let asked = Asked {
+            core: &self.core,
+            link: &link,
+            scene: self.id,
+            revision,
+            threads: self.options.threads,
+            index_end: self.index_end(),
+        };
+        question.ask(asked, &mut self.query_estimate)
     }
 
     /// Asks the scene of this process, which is made from the copy if need be.
-    fn query_here(&mut self, asked: &Asked<'_>) -> Result<PairMask, Error> {
+    fn ask_here<Q: Question>(&mut self, question: &Q) -> Result<Q::Answer, Error> {
         let core = Arc::clone(&self.core);
-        Ok(core.local().query(self.here()?, asked)?)
+        question.ask_here(&core, self.here()?)
     }
 
     /// Whether a daemon refused the scene a moment ago, and this process answers.

@@ -4,18 +4,23 @@
 //! request   the header of an edit
 //! body      its steps, which lie in the payload
 //! query     boxes that are asked of a scene
+//! cast      rays and spheres that are cast into it
+//! questions what both have in their payload
 //! answer    the header and the payload of what is reported
 //! shared    scenes that several sessions write
 //! ```
 
 mod answer;
 mod body;
+mod cast;
 mod query;
+mod questions;
 mod request;
 mod shared;
 
 pub use answer::{EndedPairs, SceneAnswerLayout, SceneReply, response_scene, response_scene_ended};
 pub use body::{EditLayout, EditScratch};
+pub use cast::{CastReply, CastRequest, response_cast};
 pub use query::QueryRequest;
 pub use request::{SceneId, SceneRequest};
 pub use shared::{

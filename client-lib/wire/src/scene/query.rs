@@ -1,19 +1,15 @@
 //! A query of a scene: which boxes of it some other boxes overlap. Its answer is that of a frame.
 
 use pairmask_core::aabb::Aabb;
-use pairmask_core::filters::FilterData;
 use pairmask_core::mask::Encoding;
 use pairmask_core::scene::{QueryFilterData, QueryMask};
 
+use super::questions::Questions;
 use super::request::{BOX_BYTES, SceneId};
 use crate::header::{Operation, RequestHeader, thread_number, threads_of};
 use crate::page::Page;
 use crate::reject::Reject;
-use crate::section::{Section, SectionKind, find, has, slots};
-
-const FILTER_DATA_BYTES: u64 = size_of::<FilterData>() as u64;
-/// Filter data begin on a cache line.
-const LINE_BYTES: u64 = 64;
+use crate::section::SectionKind;
 
 /// A query of a scene: what a client says in a header, and what a daemon has validated of one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,9 +25,7 @@ pub struct QueryRequest {
     pub encoding: Encoding,
     /// Threads that may be used; `None` leaves the number to the daemon.
     pub threads: Option<usize>,
-    boxes: Section,
-    /// Filter data in the payload: one for all queries, or one for each.
-    filter_data: Option<Section>,
+    questions: Questions,
 }
 
 impl QueryRequest {
@@ -44,23 +38,13 @@ impl QueryRequest {
         filter_data: &QueryFilterData<'_>,
     ) -> Self {
         let queries = u64::from(mask.queries());
-        let boxes = Section::required(SectionKind::Boxes, 0, BOX_BYTES * queries);
-        let at = boxes.bytes.next_multiple_of(LINE_BYTES);
-        let section =
-            |count| Section::required(SectionKind::QueryFilterData, at, FILTER_DATA_BYTES * count);
-        let filter_data = match filter_data {
-            QueryFilterData::None => None,
-            // A single query has one entry of filter data either way.
-            QueryFilterData::Each(_) => Some(section(queries)),
-            QueryFilterData::One(_) => Some(section(1)),
-        };
-        Self { scene, revision, mask, encoding, threads: None, boxes, filter_data }
+        let questions = Questions::new(SectionKind::Boxes, BOX_BYTES, queries, filter_data);
+        Self { scene, revision, mask, encoding, threads: None, questions }
     }
 
     /// Bytes of the payload.
     pub fn payload_bytes(&self) -> u64 {
-        self.filter_data
-            .map_or(self.boxes.bytes, |filter_data| filter_data.offset + filter_data.bytes)
+        self.questions.payload_bytes()
     }
 
     /// Writes boxes and filter data into the payload. Whether there is room for them.
@@ -74,31 +58,13 @@ impl QueryRequest {
         filter_data: &QueryFilterData<'_>,
         pages: &mut [Page],
     ) -> bool {
-        let mut put = |section: &Section, bytes: &[u8]| {
-            assert_eq!(section.bytes, bytes.len() as u64, "as many as the request says");
-            section.put(bytes, pages, false)
-        };
-        let filter_data: &[FilterData] = match filter_data {
-            QueryFilterData::None => &[],
-            QueryFilterData::Each(filter_data) => filter_data,
-            QueryFilterData::One(filter_data) => std::slice::from_ref(filter_data),
-        };
-        let filter_data_fit =
-            self.filter_data.is_none_or(|section| put(&section, bytemuck::cast_slice(filter_data)));
-        filter_data_fit && put(&self.boxes, bytemuck::cast_slice(boxes))
+        self.questions.write(bytemuck::cast_slice(boxes), filter_data, pages)
     }
 
     /// The boxes and filter data in the payload, which another process may write while they are read; `None` where
     /// they are not all there.
     pub fn read<'a>(&self, pages: &'a [Page]) -> Option<(&'a [Aabb], QueryFilterData<'a>)> {
-        let filter_data = match &self.filter_data {
-            None => QueryFilterData::None,
-            Some(section) if section.bytes == FILTER_DATA_BYTES => {
-                QueryFilterData::One(*section.entries_in(pages)?.first()?)
-            }
-            Some(section) => QueryFilterData::Each(section.entries_in(pages)?),
-        };
-        Some((self.boxes.entries_in(pages)?, filter_data))
+        Some((self.questions.entries(pages)?, self.questions.filter_data(pages)?))
     }
 
     /// Checks a copied header against the payload's length.
@@ -106,33 +72,19 @@ impl QueryRequest {
         let revision = (header.base != 0).then_some(header.base);
         let found = header.encoding;
         let encoding = Encoding::from_wire(found).ok_or(Reject::Encoding(found))?;
-        let section = |kind, entry_bytes, field| {
-            let section = find(&header.sections, kind, entry_bytes, payload_bytes);
-            section.ok_or(Reject::Query(field))
-        };
-        let boxes = section(SectionKind::Boxes, BOX_BYTES, "boxes")?;
-        let queries = boxes.bytes / BOX_BYTES;
+        let boxes = (SectionKind::Boxes, BOX_BYTES, "boxes");
+        let (questions, queries) = Questions::parse(header, boxes, payload_bytes)?;
         let index_end = u64::from(header.box_count).checked_sub(queries);
         // Both are at most the object count.
         let mask = index_end.and_then(|end| QueryMask::new(queries as usize, end as u32));
         let mask = mask.ok_or(Reject::Query("object count"))?;
-        let has_filter_data = has(&header.sections, SectionKind::QueryFilterData);
-        let filter_data = has_filter_data
-            .then(|| section(SectionKind::QueryFilterData, FILTER_DATA_BYTES, "filter data"));
-        let filter_data = filter_data.transpose()?;
-        if filter_data.is_some_and(|filter_data| {
-            ![1, queries].contains(&(filter_data.bytes / FILTER_DATA_BYTES))
-        }) {
-            return Err(Reject::Query("filter data"));
-        }
         Ok(Self {
             scene: SceneId(header.scene),
             revision,
             mask,
             encoding,
             threads: threads_of(header.threads),
-            boxes,
-            filter_data,
+            questions,
         })
     }
 }
@@ -144,7 +96,7 @@ impl RequestHeader {
             box_count: request.mask.n().get(),
             encoding: request.encoding as u32,
             threads: thread_number(request.threads),
-            sections: slots([request.boxes].into_iter().chain(request.filter_data)),
+            sections: request.questions.slots(),
             scene: request.scene.0,
             base: request.revision.unwrap_or(0),
             ..Self::envelope(Operation::QueryScene, client_token, frame)
@@ -156,7 +108,8 @@ impl RequestHeader {
 mod tests {
     use super::*;
     use crate::Request;
-    use pairmask_core::filters::World;
+    use crate::section::Section;
+    use pairmask_core::filters::{FilterData, World};
 
     const PAGE: u64 = size_of::<Page>() as u64;
 

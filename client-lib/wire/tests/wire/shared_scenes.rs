@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use pairmask_core::Aabb;
+use pairmask_core::cast::{Hits, Ray, Shapes};
 use pairmask_core::dispatch::StageTimes;
 use pairmask_core::engine::{EngineChoice, EngineName};
 use pairmask_core::filters::{FilterData, FilterId, Owner, World};
@@ -14,11 +14,12 @@ use pairmask_core::scene::{
     Edit, QueryFilterData, QueryMask, Report, Scene, SceneOptions, Sets, Step,
 };
 use pairmask_core::units::BoxCount;
+use pairmask_core::{Aabb, Sphere};
 use pairmask_wire::{
-    AgreedTerms, CullRequest, JoinRequest, LeaseAction, LeaseRequest, Page, QueryRequest,
-    ReplyFields, Request, RequestHeader, ResponseHeader, SceneAnswerLayout, SceneId, SceneName,
-    SceneRequest, SceneSections, SharedTerms, TickMarks, parse_joined, parse_leased,
-    response_joined, response_leased, response_scene,
+    AgreedTerms, CastReply, CastRequest, CullRequest, JoinRequest, LeaseAction, LeaseRequest, Page,
+    QueryRequest, ReplyFields, Request, RequestHeader, ResponseHeader, SceneAnswerLayout, SceneId,
+    SceneName, SceneRequest, SceneSections, SharedTerms, TickMarks, parse_joined, parse_leased,
+    response_cast, response_joined, response_leased, response_scene,
 };
 
 use crate::scenes::{self, written};
@@ -101,6 +102,48 @@ fn golden_query() {
         assert_eq!(parsed, Ok(Request::QueryScene(request)));
         assert_eq!(request.read(&payload), Some((&queries[..], filter_data)));
     }
+}
+
+#[test]
+fn golden_cast() {
+    let rays = [Ray::new([1.0, 2.0, 3.0], [4.0, 5.0, 6.0]).up_to(7.0).with_half_extents([8.0; 3])];
+    let spheres = [Sphere::new([1.0, 2.0, 3.0], 4.0); 2];
+    let filter_data = QueryFilterData::One(FilterData::default());
+    for (shapes, hits, encoding, most_boxes, sections) in [
+        (Shapes::Rays(&rays), Hits::All, 1, 0, vec![(27, 0, 40), (23, 64, 12)]),
+        (Shapes::Spheres(&spheres), Hits::Closest(8), 2, 8, vec![(11, 0, 32), (23, 64, 12)]),
+        (Shapes::Rays(&rays), Hits::Any, 3, 0, vec![(27, 0, 40), (23, 64, 12)]),
+    ] {
+        let request = CastRequest::new(SceneId(5), Some(7), shapes, hits, &filter_data).unwrap();
+        let header = RequestHeader::cast_scene(TOKEN, FRAME, &request);
+        let fields = Fields {
+            operation: 11,
+            boxes: shapes.len() as u32,
+            encoding,
+            sections,
+            scene: 5,
+            base: 7,
+            most_boxes,
+            ..Fields::default()
+        };
+        assert_eq!(bytemuck::bytes_of(&header), fields.bytes(), "{hits:?}");
+        let mut payload = pages(request.payload_bytes());
+        assert!(request.write(shapes, &filter_data, &mut payload));
+        let floats: &[f32] = bytemuck::cast_slice(&payload);
+        assert_eq!(floats[..4], [1.0, 2.0, 3.0, 4.0]);
+        if matches!(shapes, Shapes::Rays(_)) {
+            assert_eq!(floats[4..10], [5.0, 6.0, 7.0, 8.0, 8.0, 8.0]);
+        }
+        assert_eq!(Request::parse(&header, 4096), Ok(Request::CastScene(request)));
+    }
+    let asked = ReplyFields { box_count: BoxCount::new(2), ..ASKED };
+    let times = StageTimes::default();
+    let header = response_cast(&asked, EngineName::CpuTree, 3, 5, &times);
+    let section = header.sections[0];
+    assert_eq!((section.kind, section.flags, section.offset, section.bytes), (28, 1, 0, 60));
+    assert_eq!((header.box_count, header.pair_count, header.threads), (2, 5, 3));
+    let reply = CastReply::parse(&header, &asked, 4096).unwrap();
+    assert_eq!((reply.engine, reply.threads), (EngineName::CpuTree.into(), 3));
 }
 
 #[test]
@@ -206,7 +249,7 @@ fn golden_commit_and_leave() {
 /// Compares the start of a response, its detail, and sections of late ranges by their places.
 fn compare(header: &ResponseHeader, flags: u64, detail: [u64; 4], sections: &[(usize, [u64; 2])]) {
     let bytes: &[u8] = bytemuck::bytes_of(header);
-    assert_eq!(bytes[..8], *b"PMRS\x01\x00\x0b\x00");
+    assert_eq!(bytes[..8], *b"PMRS\x01\x00\x0c\x00");
     assert_eq!(
         bytes[8..32],
         *bytemuck::bytes_of(&[flags << 32, TOKEN, FRAME]),

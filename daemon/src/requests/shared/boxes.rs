@@ -8,14 +8,14 @@ use pairmask_core::scene::shared::{
 };
 use pairmask_core::scene::{Edit, EndReason, Report, Reported, SceneCopy, SceneError, Sets, Step};
 use pairmask_core::{Aabb, EngineChoice};
-use pairmask_wire::QueryRequest;
 
 use super::SceneTools;
 use crate::audit::{AuditedScene, Auditor, SceneNote};
 use crate::clients::{PendingBoxes, SceneRoom};
 use crate::execute::SceneHost;
 use crate::publish::{OpenRequest, Outbox, Refusal};
-use crate::requests::scene::{Failed, answer_query, bytes_of};
+use crate::requests::asked::Asked;
+use crate::requests::scene::{Failed, bytes_of};
 
 /// Bytes of the copy of a box, with its flags, and of the tick at which it moved.
 const BYTES_A_COPY: u64 = 33;
@@ -251,20 +251,21 @@ impl Boxes {
         }
     }
 
-    pub fn query(
+    /// Answers a query or a cast.
+    pub fn ask(
         &mut self,
         open: &mut OpenRequest,
-        request: &QueryRequest,
+        asked: Asked<'_>,
         threads: usize,
         outbox: &Outbox,
     ) -> Result<(), Refusal> {
         self.mend(threads)?;
-        let mut answered = self.answer(open, request, threads, outbox);
+        let mut answered = self.answer(open, asked, threads, outbox);
         if let Err(Failed::Lost(_)) = answered {
             // Its boxes were in the memory of a device that is lost.
             self.note_broken();
             self.mend(threads)?;
-            answered = self.answer(open, request, threads, outbox);
+            answered = self.answer(open, asked, threads, outbox);
         }
         if self.pending.bytes == 0 {
             self.note_bytes();
@@ -275,13 +276,13 @@ impl Boxes {
     fn answer(
         &mut self,
         open: &mut OpenRequest,
-        request: &QueryRequest,
+        asked: Asked<'_>,
         threads: usize,
         outbox: &Outbox,
     ) -> Result<(), Failed> {
         let Self { scene, found, audit, .. } = self;
         let audited = audit.as_ref().map(|audit| &audit.scene);
-        answer_query((scene, found, audited), open, request, threads, outbox)
+        asked.answer((scene, found, audited), open, threads, outbox)
     }
 
     pub fn changes(&self) -> TickChanges {

@@ -22,11 +22,12 @@ use std::time::Instant;
 
 use pairmask_core::scene::shared::{AtEnd, MemberId};
 use pairmask_wire::{
-    AgreedTerms, JoinRequest, LeaseRequest, QueryRequest, Reject, SceneId, SceneName, SceneRequest,
+    AgreedTerms, JoinRequest, LeaseRequest, Reject, SceneId, SceneName, SceneRequest,
     response_joined, response_leased, response_scene_ended,
 };
 
 use self::scene::SharedScene;
+use super::asked::Asked;
 use super::scene::SceneTools;
 use super::{EndWithPanic, GpuNeed, Served, threads_of};
 use crate::execute::{CpuTimer, EnginePool};
@@ -143,17 +144,13 @@ impl SharedScenes {
         Served { threads, on_one_core, ..Served::BEGUN }
     }
 
-    pub(super) fn query(
-        &self,
-        mut open: OpenRequest,
-        request: &QueryRequest,
-        threads: usize,
-    ) -> Served {
-        let Some((scene, _)) = self.find((open.sender.session, request.scene)) else {
+    /// Answers a query or a cast.
+    pub(super) fn ask(&self, mut open: OpenRequest, asked: Asked<'_>, threads: usize) -> Served {
+        let Some((scene, _)) = self.find((open.sender.session, asked.scene())) else {
             return self.outbox.refuse_and_close(open, Refusal::stale_scene(0));
         };
-        let threads = threads_of(request.threads, threads);
-        let answer = || scene.query(&mut open, request, threads, &self.outbox);
+        let threads = threads_of(asked.threads(), threads);
+        let answer = || scene.ask(&mut open, asked, threads, &self.outbox);
         let answered = self.tools.pool.work_by(threads, answer);
         if let Err(refusal) = &answered {
             self.outbox.refuse(&mut open, refusal);

@@ -9,15 +9,14 @@ use std::time::{Duration, Instant};
 
 use pairmask_core::scene::shared::{AtEnd, LeaseError, MemberId, Ticks};
 use pairmask_core::scene::{Edit, SceneOptions};
-use pairmask_wire::{
-    AgreedTerms, EditScratch, JoinRequest, LeaseAction, QueryRequest, SceneName, SceneRequest,
-};
+use pairmask_wire::{AgreedTerms, EditScratch, JoinRequest, LeaseAction, SceneName, SceneRequest};
 
 use super::boxes::Boxes;
 use super::seats::{Begun, Commit, Recipient, Seats};
 use super::{SceneTools, locked, tick};
 use crate::execute::EnginePool;
 use crate::publish::{OpenRequest, Outbox, Refusal};
+use crate::requests::asked::Asked;
 
 /// Boxes that a scene may hold where nobody says so.
 const MOST_BOXES: u32 = 1 << 24;
@@ -150,16 +149,16 @@ impl SharedScene {
         })
     }
 
-    /// Answers a query. Whether a GPU did.
-    pub fn query(
+    /// Answers a query or a cast. Whether a GPU did.
+    pub fn ask(
         &self,
         open: &mut OpenRequest,
-        request: &QueryRequest,
+        asked: Asked<'_>,
         threads: usize,
         outbox: &Outbox,
     ) -> Result<bool, Refusal> {
         let mut boxes = locked(&self.boxes);
-        boxes.query(open, request, threads, outbox)?;
+        boxes.ask(open, asked, threads, outbox)?;
         Ok(boxes.scene.engine().is_gpu())
     }
 

@@ -18,7 +18,7 @@ const LARGE: usize = 512;
 /// A box on its way into the order: 32 bytes, two to a cache line.
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
-pub(super) struct Entry {
+pub(crate) struct Entry {
     pub aabb: Aabb,
     pub index: u32,
     /// While boxes are read, not 0 for one that overlaps nothing; then what it is parted by, as a number that sorts

@@ -51,6 +51,33 @@ pub(super) struct Groups {
     nodes: Nodes,
 }
 
+/// Brings boxes into the order of the tree, and those that overlap nothing behind all others.
+fn order_into(
+    entries: &mut AlignedBuffer<Entry>,
+    boxes: &[Aabb],
+    threads: usize,
+    isa: AvailableIsa,
+) -> Census {
+    entries.resize(boxes.len());
+    let entries = entries.as_mut_slice();
+    let census = arrange::read(boxes, entries, threads);
+    let valid = arrange::valid_first(entries, &census);
+    let parts = part_count(valid.len(), arrange::TASK_BOXES, threads);
+    arrange(valid, &Surroundings::default(), parts, isa);
+    census
+}
+
+/// Boxes in an order in which each 16 lie close together, and so do each 16 of those groups, up to the whole.
+pub(crate) fn order_by_tree(
+    boxes: &[Aabb],
+    threads: usize,
+    isa: AvailableIsa,
+) -> AlignedBuffer<Entry> {
+    let mut entries = AlignedBuffer::default();
+    order_into(&mut entries, boxes, threads, isa);
+    entries
+}
+
 impl Arrangement for Groups {
     const NAME: EngineName = EngineName::CpuTree;
     const PARALLEL_BOXES: usize = 1_024;
@@ -67,12 +94,7 @@ impl Arrangement for Groups {
         _may_hand_over: bool,
         isa: AvailableIsa,
     ) -> Result<Census, CullError> {
-        self.entries.resize(boxes.len());
-        let entries = self.entries.as_mut_slice();
-        let census = arrange::read(boxes, entries, threads);
-        let valid = arrange::valid_first(entries, &census);
-        let parts = part_count(valid.len(), arrange::TASK_BOXES, threads);
-        arrange(valid, &Surroundings::default(), parts, isa);
+        let census = order_into(&mut self.entries, boxes, threads, isa);
         self.boxes.resize(boxes.len());
         self.nodes.build(self.entries.as_slice(), &mut self.boxes, threads);
         Ok(census)

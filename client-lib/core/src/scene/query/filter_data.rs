@@ -1,6 +1,5 @@
 //! What queries are to the rules of a scene.
 
-use crate::aabb::Aabb;
 use crate::engine::CullError;
 use crate::filters::FilterData;
 use crate::scene::query::BeyondMask;
@@ -56,17 +55,14 @@ impl From<BeyondMask> for QueryError {
 }
 
 impl QueryFilterData<'_> {
-    /// Checks that there is one for each query, if each has one.
+    /// Checks that there is one for each of so many queries, if each has one.
     ///
     /// # Errors
     /// [`QueryError::FilterData`].
-    pub const fn check(&self, queries: &[Aabb]) -> Result<(), QueryError> {
+    pub const fn check(&self, queries: usize) -> Result<(), QueryError> {
         match self {
-            Self::Each(filter_data) if filter_data.len() != queries.len() => {
-                Err(QueryError::FilterData {
-                    queries: queries.len(),
-                    filter_data: filter_data.len(),
-                })
+            Self::Each(filter_data) if filter_data.len() != queries => {
+                Err(QueryError::FilterData { queries, filter_data: filter_data.len() })
             }
             _ => Ok(()),
         }

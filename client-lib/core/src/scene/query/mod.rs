@@ -10,16 +10,19 @@
 //! find     around, direct, crowded: pairs [query, index], sorted
 //! mask     as a mask of queries and boxes, in any encoding
 //! between  two sets of boxes that no scene keeps
+//! cast     rays and spheres
 //! ```
 
 mod around;
 mod between;
+mod cast;
 mod crowded;
 mod direct;
 mod filter_data;
 mod mask;
 
 pub use self::between::between;
+pub use self::cast::{Cast, CastTree};
 pub use self::filter_data::{QueryError, QueryFilterData};
 pub use self::mask::{BeyondMask, QueryMask, cull_between, is_small_set};
 
@@ -128,6 +131,7 @@ pub(super) struct Asked {
     moved: usize,
     most_pairs: u64,
     memory: around::Memory,
+    casts: CastTree,
 }
 
 impl Default for Asked {
@@ -138,13 +142,16 @@ impl Default for Asked {
             moved: 0,
             most_pairs: u64::from(u32::MAX),
             memory: around::Memory::default(),
+            casts: CastTree::default(),
         }
     }
 }
 
 impl Asked {
     pub fn allocated_bytes(&self) -> usize {
-        self.cells.as_ref().map_or(0, Cells::allocated_bytes) + self.memory.allocated_bytes()
+        self.cells.as_ref().map_or(0, Cells::allocated_bytes)
+            + self.memory.allocated_bytes()
+            + self.casts.allocated_bytes()
     }
 
     /// Cells of edits serve queries too from now on.
@@ -190,7 +197,7 @@ impl Scene {
         filter_data: QueryFilterData<'_>,
         found: &mut Vec<Pair>,
     ) -> Result<u64, QueryError> {
-        filter_data.check(queries)?;
+        filter_data.check(queries.len())?;
         found.clear();
         if queries.is_empty() || self.store.boxes().is_empty() {
             return Ok(0);
@@ -240,8 +247,9 @@ impl Scene {
     pub(super) fn note_for_queries(&mut self) {
         self.asked.compared = 0;
         let (store, threads) = (&self.store, self.threads);
-        let Some(cells) = &mut self.asked.cells else { return };
         let moved = [store.ended(), store.named()];
+        self.asked.casts.note(moved, store.boxes().len());
+        let Some(cells) = &mut self.asked.cells else { return };
         let count = moved[0].len() + moved[1].len();
         self.asked.moved += count;
         // Where most boxes move, or nobody asks any more, they are built anew when somebody does.

@@ -91,6 +91,11 @@ impl Memory {
         records + named + scratch.map(Growing::held_bytes).sum::<u64>()
     }
 
+    /// Records of the boxes as they are.
+    pub fn records_now(&self) -> Option<&Arc<Block>> {
+        self.records.as_ref().map(|records| &records.now)
+    }
+
     /// Room for records of `slots` indices. `replaced` is set if blocks are others.
     pub fn make_records(
         &mut self,

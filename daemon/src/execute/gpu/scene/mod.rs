@@ -3,6 +3,7 @@
 //! A [`GpuScene`] answers as [`Scene`](pairmask_core::scene::Scene) does, byte for byte. This is one file, because an
 //! edit, its answer and what is known afterwards change the same few fields.
 
+mod cast;
 mod changes;
 mod memory;
 mod plan;
@@ -23,6 +24,7 @@ use pairmask_core::scene::{
 };
 use pairmask_shaders::layouts::{GridLayout, SceneMode, SceneSummary};
 
+use self::cast::CastCopy;
 use self::changes::{ChangeSorter, Found};
 use self::plan::{Layouts, MOST_SLOTS, Question, Room, Sizes};
 use self::replica::{Names, Replicas, sum};
@@ -104,6 +106,7 @@ pub struct GpuScene {
     reported: Reported,
     is_open: bool,
     sorter: ChangeSorter,
+    casts: CastCopy,
     submissions: u32,
     stages: Vec<StepTime>,
 }
@@ -137,6 +140,7 @@ impl GpuScene {
             reported: Reported::default(),
             is_open: false,
             sorter: ChangeSorter::default(),
+            casts: CastCopy::default(),
             submissions: 0,
             stages: Vec::new(),
         }
@@ -212,6 +216,7 @@ impl GpuScene {
         self.roster.allocated_bytes()
             + self.gathered.allocated_bytes()
             + self.sorter.allocated_bytes()
+            + self.casts.allocated_bytes()
             + (self.reported.begun().len() + self.reported.pairs().len()) * size_of::<Pair>()
             + size_of_val(self.reported.ended())
     }
@@ -253,6 +258,7 @@ impl GpuScene {
         self.roster.check(edit, self.options.most_boxes)?;
         self.submissions = 0;
         self.is_open = false;
+        self.casts.note_edit();
         self.roster.apply(edit);
         if let Err(error) = self.answer(edit, report) {
             self.known = Known::Lost;

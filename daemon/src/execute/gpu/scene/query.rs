@@ -41,7 +41,7 @@ impl GpuScene {
         filter_data: QueryFilterData<'_>,
         found: &mut Vec<[u32; 2]>,
     ) -> Result<u64, QueryError> {
-        filter_data.check(queries)?;
+        filter_data.check(queries.len())?;
         let tested = self.query_all(queries, found)?;
         let states = &self.roster.states;
         filter_data.filter(&states.filters, |index| states.has(index, STILL), found);

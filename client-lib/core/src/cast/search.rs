@@ -1,0 +1,448 @@
+//! The hits of one question, from the whole tree down, and those of many.
+
+use std::cmp::Ordering;
+use std::sync::atomic::{self, AtomicU64};
+
+use super::exact::ERROR;
+use super::near::SphereProbe;
+use super::node::{FAN_OUT, Leaf, MISSED, key_limit, take_nearest};
+use super::probe::Probe;
+use super::ray::{RayProbe, is_extreme};
+use super::tree::BoxTree;
+use super::{HIT_BYTES, Hit, Hits, Ray, hittable};
+use crate::aabb::Aabb;
+use crate::engine::{AvailableIsa, CullError, ReserveError};
+use crate::simd::per_isa;
+use crate::sphere::Sphere;
+use crate::team::{self, for_each_in_parts, part_count};
+
+/// Questions of a task, at least: some 100 µs.
+const TASK_QUERIES: usize = 64;
+/// So many of the closest are kept in order as they are found; of more, twice as many are, before the farther half goes.
+const FEW_CLOSEST: usize = 32;
+
+/// Levels above the leaves of 2^32 boxes.
+const MOST_LEVELS: usize = 7;
+
+/// What bounds a cast, beside the boxes.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    /// Most hits of all questions together.
+    pub most_hits: u64,
+    /// Threads, of the pool of the caller.
+    pub threads: usize,
+}
+
+/// What is cast.
+#[derive(Clone, Copy, Debug)]
+pub enum Shapes<'a> {
+    /// Rays.
+    Rays(&'a [Ray]),
+    /// Spheres.
+    Spheres(&'a [Sphere]),
+}
+
+impl<'a> From<&'a [Ray]> for Shapes<'a> {
+    fn from(rays: &'a [Ray]) -> Self {
+        Self::Rays(rays)
+    }
+}
+
+impl<'a> From<&'a [Sphere]> for Shapes<'a> {
+    fn from(spheres: &'a [Sphere]) -> Self {
+        Self::Spheres(spheres)
+    }
+}
+
+impl Shapes<'_> {
+    /// How many there are.
+    pub const fn len(&self) -> usize {
+        match self {
+            Self::Rays(rays) => rays.len(),
+            Self::Spheres(spheres) => spheres.len(),
+        }
+    }
+
+    /// Whether there are none.
+    pub const fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// Where hits are searched for.
+#[derive(Clone, Copy, Debug)]
+pub enum Among<'a> {
+    /// In a tree.
+    Tree(&'a BoxTree),
+    /// Among boxes that are looked at one after the other: index i is box i.
+    Boxes(&'a [Aabb]),
+}
+
+impl Among<'_> {
+    /// Finds the boxes that rays hit or spheres touch, of those that a caller admits, given the number of the ray or
+    /// sphere and the index of the box. Hits come by number, by distance, and by index; what `found` held is dropped.
+    /// Returns how many boxes were looked at.
+    ///
+    /// ```
+    /// use pairmask_core::Aabb;
+    /// use pairmask_core::cast::{Among, BoxTree, Hits, Limits, Ray, Shapes};
+    ///
+    /// let boxes = [3.0, 1.0, 2.0].map(|x| Aabb::new([x, -1.0, -1.0], [x + 0.5, 1.0, 1.0]));
+    /// let tree = BoxTree::of(&boxes, 1);
+    /// let along_x = Ray::new([0.0; 3], [1.0, 0.0, 0.0]);
+    /// let limits = Limits { most_hits: 1_000, threads: 1 };
+    /// let mut found = Vec::new();
+    /// Among::Tree(&tree).cast(Shapes::Rays(&[along_x]), Hits::Closest(2), &|_, _| true, limits, &mut found)?;
+    /// let found: Vec<_> = found.iter().map(|hit| (hit.index, hit.distance)).collect();
+    /// assert_eq!(found, [(1, 1.0), (2, 2.0)]);
+    /// # Ok::<(), pairmask_core::engine::CullError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`CullError::Reserve`] where there are more hits than may be, or there is no memory for them.
+    pub fn cast(
+        self,
+        shapes: Shapes<'_>,
+        hits: Hits,
+        admits: &(impl Fn(u32, u32) -> bool + Sync),
+        limits: Limits,
+        found: &mut Vec<Hit>,
+    ) -> Result<u64, CullError> {
+        match shapes {
+            Shapes::Rays(rays) => find(self, rays, hits, admits, limits, found),
+            Shapes::Spheres(spheres) => find(self, spheres, hits, admits, limits, found),
+        }
+    }
+}
+
+/// A ray or a sphere.
+trait Question: Copy + Sync {
+    fn ask(&self, search: &mut Search<'_>, admits: &dyn Fn(u32) -> bool);
+}
+
+impl Question for Ray {
+    fn ask(&self, search: &mut Search<'_>, admits: &dyn Fn(u32) -> bool) {
+        match is_extreme(self) {
+            None => {}
+            Some(false) => search.run(&RayProbe::<f32>::new(self), admits),
+            Some(true) => search.run(&RayProbe::<f64>::new(self), admits),
+        }
+    }
+}
+
+impl Question for Sphere {
+    fn ask(&self, search: &mut Search<'_>, admits: &dyn Fn(u32) -> bool) {
+        let reach = match search.among {
+            Among::Tree(tree) => tree.reach(),
+            Among::Boxes(_) => 0.0,
+        };
+        if let Some(probe) = SphereProbe::new(self, reach) {
+            search.run(&probe, admits);
+        }
+    }
+}
+
+/// Some questions of a task.
+struct Task<'a, Q> {
+    first: u32,
+    questions: &'a [Q],
+    found: Vec<Hit>,
+    looked_at: u64,
+    is_out_of_memory: bool,
+}
+
+/// Finds the hits of many questions.
+fn find<Q: Question>(
+    among: Among<'_>,
+    questions: &[Q],
+    hits: Hits,
+    admits: &(impl Fn(u32, u32) -> bool + Sync),
+    limits: Limits,
+    found: &mut Vec<Hit>,
+) -> Result<u64, CullError> {
+    found.clear();
+    let _team = team::enter(limits.threads);
+    let parts = part_count(questions.len(), TASK_QUERIES, limits.threads);
+    let step = questions.len().div_ceil(parts).max(1);
+    let some = (0u32..).step_by(step).zip(questions.chunks(step));
+    let mut tasks: Vec<Task<'_, Q>> = some
+        .map(|(first, questions)| Task {
+            first,
+            questions,
+            found: Vec::new(),
+            looked_at: 0,
+            is_out_of_memory: false,
+        })
+        .collect();
+    let (isa, count) = (AvailableIsa::best(), AtomicU64::new(0));
+    let is_full = || count.load(atomic::Ordering::Relaxed) > limits.most_hits;
+    for_each_in_parts(&mut tasks, parts, |task| {
+        let room = usize::try_from(limits.most_hits).unwrap_or(usize::MAX).saturating_add(1);
+        let mut search = Search { among, hits, room, isa, found: Vec::new(), looked_at: 0 };
+        for (query, question) in (task.first..).zip(task.questions) {
+            if is_full() {
+                break;
+            }
+            // A copy: another process may write questions while they are read.
+            let question = *question;
+            search.found.clear();
+            question.ask(&mut search, &|index| admits(query, index));
+            // Relaxed: a number that ends a search, and that nothing is read by.
+            count.fetch_add(search.found.len() as u64, atomic::Ordering::Relaxed);
+            if task.found.try_reserve(search.found.len()).is_err() {
+                task.is_out_of_memory = true;
+                break;
+            }
+            let of = |candidate: &Candidate| candidate.hit(query);
+            task.found.extend(search.found.iter().map(of));
+        }
+        task.looked_at = search.looked_at;
+    });
+    if is_full() {
+        let bytes = |hits: u64| hits.saturating_mul(HIT_BYTES as u64);
+        let at_least_bytes = bytes(limits.most_hits.saturating_add(1));
+        let limit_bytes = bytes(limits.most_hits);
+        return Err(ReserveError::TooLarge { at_least_bytes, limit_bytes }.into());
+    }
+    let all: usize = tasks.iter().map(|task| task.found.len()).sum();
+    let needed_bytes = (all * HIT_BYTES) as u64;
+    let is_out_of_memory = tasks.iter().any(|task| task.is_out_of_memory);
+    if is_out_of_memory || found.try_reserve(all).is_err() {
+        return Err(ReserveError::OutOfMemory { needed_bytes }.into());
+    }
+    for task in &tasks {
+        found.extend_from_slice(&task.found);
+    }
+    Ok(tasks.iter().map(|task| task.looked_at).sum())
+}
+
+/// A box that is hit.
+#[derive(Clone, Copy)]
+struct Candidate {
+    /// Its distance as the probe measures it.
+    distance: f64,
+    reported: f32,
+    index: u32,
+}
+
+impl Candidate {
+    const ANY: Self = Self { distance: 0.0, reported: 0.0, index: Hit::ANY };
+
+    const fn hit(&self, query: u32) -> Hit {
+        Hit { query, index: self.index, distance: self.reported }
+    }
+}
+
+/// A search, with the memory of those before it.
+struct Search<'a> {
+    among: Among<'a>,
+    hits: Hits,
+    /// Most hits of a question.
+    room: usize,
+    isa: AvailableIsa,
+    /// What was found: in order when the search has ended.
+    found: Vec<Candidate>,
+    looked_at: u64,
+}
+
+impl Among<'_> {
+    fn get(&self, index: u32) -> Aabb {
+        match self {
+            Self::Tree(tree) => tree.get(index),
+            Self::Boxes(boxes) => boxes[index as usize],
+        }
+    }
+}
+
+impl Search<'_> {
+    fn run<P: Probe>(&mut self, probe: &P, admits: &dyn Fn(u32) -> bool) {
+        if self.hits == Hits::Closest(0) {
+            return;
+        }
+        let mut limit = probe.most();
+        match self.among {
+            Among::Tree(tree) => descend(self, tree, probe, admits, &mut limit, self.isa),
+            Among::Boxes(boxes) => pass_through(self, boxes, probe, admits, &mut limit, self.isa),
+        }
+        let among = self.among;
+        match self.hits {
+            Hits::All => self.found.sort_unstable_by(|a, b| compare(a, b, probe, &among)),
+            Hits::Closest(most) if most as usize > FEW_CLOSEST => {
+                self.found.sort_unstable_by(|a, b| compare(a, b, probe, &among));
+                self.found.truncate(most as usize);
+            }
+            Hits::Closest(_) | Hits::Any => {}
+        }
+    }
+
+    /// Looks at the boxes of a leaf, the nearest first. Whether to go on.
+    #[inline(always)]
+    fn look_at<P: Probe>(
+        &mut self,
+        leaf: &Leaf,
+        probe: &P,
+        admits: &dyn Fn(u32) -> bool,
+        limit: &mut f32,
+    ) -> bool {
+        let mut keys = [MISSED; FAN_OUT];
+        probe.keys(&leaf.boxes, *limit, &mut keys);
+        self.looked_at += FAN_OUT as u64;
+        loop {
+            let (nearest, lane) = take_nearest(&mut keys);
+            if nearest == MISSED || nearest > key_limit(*limit) {
+                return true;
+            }
+            if let Some(distance) = probe.measure(&leaf.boxes.get(lane))
+                && !self.offer(leaf.indices[lane], distance, probe, admits, limit)
+            {
+                return false;
+            }
+        }
+    }
+
+    /// Offers a box that is hit. Whether to go on.
+    fn offer<P: Probe>(
+        &mut self,
+        index: u32,
+        distance: f64,
+        probe: &P,
+        admits: &dyn Fn(u32) -> bool,
+        limit: &mut f32,
+    ) -> bool {
+        let candidate = Candidate { distance, reported: probe.reported(distance), index };
+        let among = self.among;
+        let by_distance = |a: &Candidate, b: &Candidate| compare(a, b, probe, &among);
+        match self.hits {
+            Hits::Any => {
+                let is_hit = admits(index);
+                if is_hit {
+                    self.found.push(Candidate::ANY);
+                }
+                !is_hit
+            }
+            Hits::All => {
+                if admits(index) {
+                    self.found.push(candidate);
+                }
+                self.found.len() < self.room
+            }
+            Hits::Closest(most) if most as usize <= FEW_CLOSEST => {
+                let most = most as usize;
+                let is_late = |last| by_distance(&candidate, last).is_gt();
+                let is_full = self.found.len() == most;
+                if is_full && self.found.last().is_none_or(is_late) || !admits(index) {
+                    return true;
+                }
+                self.found.truncate(most - 1);
+                let mut at = self.found.len();
+                self.found.push(candidate);
+                while at > 0 && by_distance(&candidate, &self.found[at - 1]).is_lt() {
+                    self.found[at] = self.found[at - 1];
+                    at -= 1;
+                }
+                self.found[at] = candidate;
+                if let Some(last) = self.found.get(most - 1) {
+                    *limit = limit.min(probe.limit_of(last.distance));
+                }
+                true
+            }
+            Hits::Closest(most) => {
+                let most = most as usize;
+                if admits(index) {
+                    self.found.push(candidate);
+                }
+                if self.found.len() >= 2 * most {
+                    let (_, last, _) = self.found.select_nth_unstable_by(most - 1, by_distance);
+                    *limit = limit.min(probe.limit_of(last.distance));
+                    self.found.truncate(most);
+                }
+                self.found.len() < self.room
+            }
+        }
+    }
+}
+
+/// By exact distance, and then by index.
+fn compare<P: Probe>(a: &Candidate, b: &Candidate, probe: &P, among: &Among<'_>) -> Ordering {
+    let by_distance = if (a.distance - b.distance).abs() > ERROR * a.distance.max(b.distance) {
+        a.distance.total_cmp(&b.distance)
+    } else if a.distance == 0.0 && b.distance == 0.0 {
+        // Zeros are exact.
+        Ordering::Equal
+    } else {
+        probe.compare(&among.get(a.index), &among.get(b.index))
+    };
+    by_distance.then(a.index.cmp(&b.index))
+}
+
+per_isa! {
+    /// Goes down a tree, the nearest group first.
+    fn descend<simd: S, P: Probe>(
+        search: &mut Search<'_>,
+        tree: &BoxTree,
+        probe: &P,
+        admits: &dyn Fn(u32) -> bool,
+        limit: &mut f32,
+    ) {
+        let _ = simd;
+        let (leaves, levels) = (tree.leaves(), tree.levels());
+        let top = levels.len();
+        if top == 0 {
+            if let Some(leaf) = leaves.first() {
+                search.look_at(leaf, probe, admits, limit);
+            }
+            return;
+        }
+        // Of the group of each level that is being looked at: its number, and keys of its own groups.
+        let mut numbers = [0; MOST_LEVELS];
+        let mut keys = [[MISSED; FAN_OUT]; MOST_LEVELS];
+        let mut at = top - 1;
+        probe.keys(&levels[at][0], *limit, &mut keys[at]);
+        loop {
+            let (nearest, lane) = take_nearest(&mut keys[at]);
+            if nearest == MISSED || nearest > key_limit(*limit) {
+                at += 1;
+                if at == top {
+                    return;
+                }
+                continue;
+            }
+            let number = numbers[at] * FAN_OUT + lane;
+            if at == 0 {
+                // Bounds hold nothing where there are no more groups, but a limit may be infinite.
+                if let Some(leaf) = leaves.get(number)
+                    && !search.look_at(leaf, probe, admits, limit)
+                {
+                    return;
+                }
+            } else if let Some(node) = levels[at - 1].get(number) {
+                at -= 1;
+                numbers[at] = number;
+                probe.keys(node, *limit, &mut keys[at]);
+            }
+        }
+    }
+}
+
+per_isa! {
+    /// Looks at all boxes.
+    fn pass_through<simd: S, P: Probe>(
+        search: &mut Search<'_>,
+        boxes: &[Aabb],
+        probe: &P,
+        admits: &dyn Fn(u32) -> bool,
+        limit: &mut f32,
+    ) {
+        let _ = simd;
+        for (first, some) in (0u32..).step_by(FAN_OUT).zip(boxes.chunks(FAN_OUT)) {
+            let mut leaf = Leaf::NOTHING;
+            for (lane, b) in some.iter().enumerate() {
+                leaf.boxes.set(lane, &hittable(b));
+                leaf.indices[lane] = first + lane as u32;
+            }
+            if !search.look_at(&leaf, probe, admits, limit) {
+                return;
+            }
+        }
+    }
+}

@@ -1,0 +1,272 @@
+//! Boxes in groups of 16, those in groups of 16, and so on up to one. The boxes of a group lie near each other when the
+//! tree is built. Then groups grow and shrink with their boxes, until too many have become too large.
+
+use super::hittable;
+use super::node::{FAN_OUT, Leaf, NOTHING, Node};
+use crate::aabb::Aabb;
+use crate::engine::{AvailableIsa, order_by_tree};
+use crate::floats;
+use crate::team::{self, for_each_in_parts, part_count};
+
+/// Leaves that a task fills at least.
+const TASK_LEAVES: usize = 256;
+/// A leaf is loose when the edges of its bounds are so many times as long as when the tree was built.
+const LOOSE: f32 = 2.0;
+/// The tree is built anew when more than one leaf in so many is loose.
+const LOOSE_SHARE: usize = 4;
+/// Edges are not taken for longer than this, so that their sum is finite.
+const LONGEST: f32 = 1e37;
+
+/// Boxes in a tree, for casts.
+#[derive(Debug, Default)]
+pub struct BoxTree {
+    leaves: Vec<Leaf>,
+    /// Bounds of 16 leaves each, then of 16 of those, and so on; the last has one node. None for a single leaf.
+    levels: Vec<Vec<Node>>,
+    /// Place of each index: leaf times 16 and lane.
+    places: Vec<u32>,
+    /// Sum of the edges of each leaf's bounds when it was built; below 0 for one that is loose.
+    built: Vec<f32>,
+    loose: usize,
+    /// Largest finite coordinate that was ever there, as a magnitude.
+    reach: f32,
+    /// Groups whose bounds are to be found anew.
+    touched: Vec<u32>,
+}
+
+fn edges(b: &Aabb) -> f32 {
+    (0..3).map(|axis| (b.max[axis] - b.min[axis]).clamp(0.0, LONGEST)).sum()
+}
+
+fn reach_of(b: &Aabb) -> f32 {
+    let of = |reach: f32, x: &f32| if x.is_finite() { reach.max(x.abs()) } else { reach };
+    b.min.iter().chain(&b.max).fold(0.0, of)
+}
+
+impl BoxTree {
+    /// A tree of boxes: index i is box i.
+    pub fn of(boxes: &[Aabb], threads: usize) -> Self {
+        let _team = team::enter(threads);
+        let mut tree = Self::default();
+        tree.build(boxes, threads);
+        tree
+    }
+
+    fn build(&mut self, boxes: &[Aabb], threads: usize) {
+        let entries = order_by_tree(boxes, threads, AvailableIsa::best());
+        let entries = entries.as_slice();
+        self.leaves.clear();
+        self.leaves.resize(entries.len().div_ceil(FAN_OUT).max(1), Leaf::NOTHING);
+        let parts = part_count(self.leaves.len(), TASK_LEAVES, threads);
+        let step = self.leaves.len().div_ceil(parts).max(1);
+        let some = entries.chunks(step * FAN_OUT);
+        let mut work: Vec<_> = self.leaves.chunks_mut(step).zip(some).collect();
+        for_each_in_parts(&mut work, parts, |(leaves, entries)| {
+            for (leaf, entries) in leaves.iter_mut().zip(entries.chunks(FAN_OUT)) {
+                for (lane, entry) in entries.iter().enumerate() {
+                    leaf.boxes.set(lane, &hittable(&entry.aabb));
+                    leaf.indices[lane] = entry.index;
+                }
+            }
+        });
+        self.places.clear();
+        self.places.resize(entries.len(), 0);
+        for (place, entry) in (0..).zip(entries) {
+            self.places[entry.index as usize] = place;
+        }
+        self.levels.clear();
+        let mut groups = self.leaves.len();
+        while groups > 1 {
+            groups = groups.div_ceil(FAN_OUT);
+            self.levels.push(vec![Node::NOTHING; groups]);
+        }
+        self.loose = 0;
+        self.built.clear();
+        floats::with_default(|| {
+            self.built.extend(self.leaves.iter().map(|leaf| edges(&leaf.boxes.bounds())));
+            self.bound_all();
+            self.reach = reach_of(&self.bounds());
+        });
+    }
+
+    /// Indices that it has a place for.
+    pub fn len(&self) -> usize {
+        self.places.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.places.is_empty()
+    }
+
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        let nodes: usize = self.levels.iter().map(Vec::capacity).sum();
+        self.leaves.capacity() * size_of::<Leaf>()
+            + nodes * size_of::<Node>()
+            + (self.places.capacity() + self.touched.capacity()) * size_of::<u32>()
+            + self.built.capacity() * size_of::<f32>()
+    }
+
+    /// Brings boxes to where they are now: those of some indices, or all. An index that is not among the boxes has none
+    /// any more.
+    pub fn update(&mut self, boxes: &[Aabb], changed: Option<&[u32]>, threads: usize) {
+        let _team = team::enter(threads);
+        while self.places.len() < boxes.len() {
+            self.append();
+        }
+        match changed {
+            Some(changed) if changed.len() <= boxes.len() / FAN_OUT => floats::with_default(|| {
+                for index in changed {
+                    self.put(boxes, *index);
+                }
+                self.bound_touched();
+            }),
+            _ => self.put_all(boxes, threads),
+        }
+        if self.loose * LOOSE_SHARE > self.leaves.len() {
+            self.build(boxes, threads);
+        }
+    }
+
+    /// Adds a place for the next index.
+    fn append(&mut self) {
+        let place = self.places.len();
+        if place == FAN_OUT * self.leaves.len() {
+            self.leaves.push(Leaf::NOTHING);
+            self.built.push(-1.0);
+            self.loose += 1;
+            self.grow();
+        }
+        self.leaves[place / FAN_OUT].indices[place % FAN_OUT] = place as u32;
+        self.places.push(place as u32);
+    }
+
+    fn put(&mut self, boxes: &[Aabb], index: u32) {
+        let Some(place) = self.places.get(index as usize) else { return };
+        let place = *place as usize;
+        let b = boxes.get(index as usize).map_or(NOTHING, hittable);
+        self.leaves[place / FAN_OUT].boxes.set(place % FAN_OUT, &b);
+        self.touched.push((place / FAN_OUT) as u32);
+        self.reach = self.reach.max(reach_of(&b));
+    }
+
+    fn put_all(&mut self, boxes: &[Aabb], threads: usize) {
+        let places = self.places.len();
+        let parts = part_count(self.leaves.len(), TASK_LEAVES, threads);
+        let step = self.leaves.len().div_ceil(parts).max(1);
+        let mut work: Vec<_> =
+            (0..).step_by(step * FAN_OUT).zip(self.leaves.chunks_mut(step)).collect();
+        for_each_in_parts(&mut work, parts, |(first, leaves)| {
+            let used = places - *first;
+            for (at, leaf) in leaves.iter_mut().enumerate() {
+                let used = used.saturating_sub(at * FAN_OUT).min(FAN_OUT);
+                for lane in 0..used {
+                    let b = boxes.get(leaf.indices[lane] as usize);
+                    leaf.boxes.set(lane, &b.map_or(NOTHING, hittable));
+                }
+            }
+        });
+        self.touched.clear();
+        floats::with_default(|| {
+            for leaf in 0..self.leaves.len() {
+                self.note_edges(leaf);
+            }
+            self.bound_all();
+            self.reach = self.reach.max(reach_of(&self.bounds()));
+        });
+    }
+
+    /// Adds groups for a new leaf.
+    fn grow(&mut self) {
+        let mut groups = self.leaves.len();
+        for at in 0.. {
+            if groups == 1 {
+                break;
+            }
+            groups = groups.div_ceil(FAN_OUT);
+            if let Some(level) = self.levels.get_mut(at) {
+                level.resize(groups, Node::NOTHING);
+            } else {
+                self.levels.push(vec![Node::NOTHING; groups]);
+                // A level that begins holds the bounds of what was the whole.
+                let whole = self.bounds_of(at, 0);
+                self.levels[at][0].set(0, &whole);
+            }
+        }
+    }
+
+    /// Bounds of a group: of a leaf at depth 0, else of a node of the level below.
+    fn bounds_of(&self, depth: usize, group: usize) -> Aabb {
+        match depth.checked_sub(1) {
+            None => self.leaves[group].boxes.bounds(),
+            Some(level) => self.levels[level][group].bounds(),
+        }
+    }
+
+    /// A box around all.
+    pub fn bounds(&self) -> Aabb {
+        match self.levels.len() {
+            0 if self.leaves.is_empty() => Aabb::EMPTY,
+            depth => self.bounds_of(depth, 0),
+        }
+    }
+
+    fn note_edges(&mut self, leaf: usize) {
+        let built = self.built[leaf];
+        if built >= 0.0 && edges(&self.leaves[leaf].boxes.bounds()) > LOOSE * built {
+            self.built[leaf] = -1.0;
+            self.loose += 1;
+        }
+    }
+
+    fn bound_all(&mut self) {
+        for depth in 0..self.levels.len() {
+            let groups = if depth == 0 { self.leaves.len() } else { self.levels[depth - 1].len() };
+            for group in 0..groups {
+                let bounds = self.bounds_of(depth, group);
+                self.levels[depth][group / FAN_OUT].set(group % FAN_OUT, &bounds);
+            }
+        }
+    }
+
+    fn bound_touched(&mut self) {
+        let mut touched = std::mem::take(&mut self.touched);
+        for depth in 0..=self.levels.len() {
+            touched.sort_unstable();
+            touched.dedup();
+            for group in &mut touched {
+                let at = *group as usize;
+                if depth == 0 {
+                    self.note_edges(at);
+                }
+                if depth < self.levels.len() {
+                    let bounds = self.bounds_of(depth, at);
+                    self.levels[depth][at / FAN_OUT].set(at % FAN_OUT, &bounds);
+                }
+                *group /= FAN_OUT as u32;
+            }
+        }
+        touched.clear();
+        self.touched = touched;
+    }
+
+    /// The box of an index that has a place.
+    pub(super) fn get(&self, index: u32) -> Aabb {
+        let place = self.places[index as usize] as usize;
+        self.leaves[place / FAN_OUT].boxes.get(place % FAN_OUT)
+    }
+
+    pub(super) fn leaves(&self) -> &[Leaf] {
+        &self.leaves
+    }
+
+    pub(super) fn levels(&self) -> &[Vec<Node>] {
+        &self.levels
+    }
+
+    /// Largest magnitude of a finite coordinate, or more.
+    pub(super) const fn reach(&self) -> f32 {
+        self.reach
+    }
+}

@@ -1,0 +1,227 @@
+//! Casts into a scene beside other libraries: median ms of a batch of rays (the closest box of each), and of points (the
+//! 8 nearest boxes of each), everything from the caller's rays to the last hit looked at.
+//!
+//! Trees are built before; what that takes stands in a row of its own. All contenders have two threads or as many as
+//! `--threads` says, and take turns. Those that find other hits than the session in process are marked: parry decides in
+//! f32.
+
+use std::error::Error;
+use std::hint::black_box;
+use std::time::Instant;
+
+use clap::Parser;
+use pairmask::cast::{Hits, Ray};
+use pairmask::{HitAnswer, SceneOptions};
+use pairmask_tests::measure::percentile;
+use pairmask_tests::prelude::*;
+use pairmaskd::scene::{Random, Scene, SceneName};
+use pairmaskd::spawn::PrivateDaemon;
+use parry3d::bounding_volume::Aabb as ParryBox;
+use parry3d::math::Vector;
+use parry3d::partitioning::{Bvh, BvhBuildStrategy};
+use parry3d::query::RayCast;
+use rayon::ThreadPool;
+use rayon::prelude::*;
+use rstar::RTree;
+use rstar::primitives::{GeomWithData, Rectangle};
+use serde_json::json;
+
+const WARM_UP: usize = 2;
+/// Rays that a thread of another library has at a time.
+const CHUNK: usize = 64;
+const NEAREST: u32 = 8;
+
+/// Casts into a scene beside other libraries.
+#[derive(Parser)]
+struct Options {
+    #[arg(long, value_delimiter = ',', default_value = "uniform,pile")]
+    scene: Vec<SceneName>,
+    #[arg(long, default_value_t = 1_000_000)]
+    n: usize,
+    #[arg(long, default_value_t = 10_000)]
+    queries: usize,
+    #[arg(long, default_value_t = 11)]
+    rounds: usize,
+    #[arg(long, default_value_t = 2)]
+    threads: usize,
+    #[arg(long)]
+    json: bool,
+    /// What cargo passes to every bench
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+/// Answers a batch: how many hits there are.
+type Run<'a> = Box<dyn FnMut() -> Result<usize, Box<dyn Error>> + 'a>;
+
+fn millis(since: Instant) -> f64 {
+    since.elapsed().as_secs_f64() * 1e3
+}
+
+fn looked_at(answer: &HitAnswer) -> usize {
+    for hit in answer.hits() {
+        black_box(hit.distance);
+    }
+    answer.hits().len()
+}
+
+/// Each contender's batches, in turns.
+fn take_turns(
+    title: &[(&str, String)],
+    contenders: Vec<(&str, Run<'_>)>,
+    options: &Options,
+) -> Result<(), Box<dyn Error>> {
+    let (names, mut runs): (Vec<_>, Vec<_>) = contenders.into_iter().unzip();
+    let mut times = vec![Vec::new(); names.len()];
+    let mut counts = vec![0; names.len()];
+    for round in 0..WARM_UP + options.rounds {
+        for turn in 0..runs.len() {
+            let who = (round + turn) % runs.len();
+            let begin = Instant::now();
+            counts[who] = runs[who]()?;
+            if round >= WARM_UP {
+                times[who].push(millis(begin));
+            }
+        }
+    }
+    let of = |who: usize, share: f64| percentile(&times[who], share);
+    let is_peer = |who: &usize| !names[*who].starts_with("pairmask");
+    let best = (0..names.len()).filter(is_peer).map(|who| of(who, 0.5)).fold(f64::MAX, f64::min);
+    for who in 0..names.len() {
+        let mut row = json!({
+            "contender": names[who], "n": options.n, "queries": options.queries,
+            "ms": of(who, 0.5), "least_ms": of(who, 0.0), "most_ms": of(who, 1.0),
+            "to_best_peer": of(who, 0.5) / best, "hits": counts[who],
+            "same_hits": counts[who] == counts[0],
+        });
+        for (name, value) in title {
+            row[*name] = value.as_str().into();
+        }
+        if options.json {
+            println!("{row}");
+        } else {
+            let [what, scene] = [0, 1].map(|at| title[at].1.as_str());
+            println!(
+                "{what:8} {scene:10} {:22} {:8.2} [{:.2} {:.2}] ms, {:.2} x the best peer, {} hits{}",
+                names[who],
+                of(who, 0.5),
+                of(who, 0.0),
+                of(who, 1.0),
+                of(who, 0.5) / best,
+                counts[who],
+                if counts[who] == counts[0] { "" } else { " (other ones)" },
+            );
+        }
+    }
+    Ok(())
+}
+
+fn note_build(what: &str, scene: SceneName, begin: Instant, options: &Options) {
+    if options.json {
+        println!(
+            "{}",
+            json!({"what": "build", "scene": scene.to_string(), "contender": what, "ms": millis(begin)})
+        );
+    } else {
+        println!("build    {scene:10} {what:22} {:8.2} ms", millis(begin));
+    }
+}
+
+/// A session's scene, whose tree is built.
+fn scene_of(
+    daemon: &PrivateDaemon,
+    backend: Backend,
+    boxes: &[Aabb],
+    options: &Options,
+) -> Result<pairmask::Scene, Box<dyn Error>> {
+    let mut session = daemon.session().backend(backend).threads(options.threads).connect()?;
+    let mut scene = session.scene(SceneOptions::default())?;
+    let set = scene.edit().set_all(0..boxes.len() as u32, boxes);
+    drop(set.commit(Report::Nothing)?);
+    scene.cast(&[Ray::default(); CHUNK], Hits::Any)?;
+    Ok(scene)
+}
+
+fn compare(
+    daemon: &PrivateDaemon,
+    pool: &ThreadPool,
+    name: SceneName,
+    options: &Options,
+) -> Result<(), Box<dyn Error>> {
+    let boxes = Scene::new(name, options.n, 1).boxes().to_vec();
+    // Points of the same place: corners of a scene as large.
+    let others = Scene::new(name, options.n, 2).boxes().to_vec();
+    let step = (others.len() / options.queries).max(1);
+    let points: Vec<[f32; 3]> =
+        others.iter().step_by(step).take(options.queries).map(|b| b.min).collect();
+    let mut random = Random::new(3);
+    let mut ray = |at: &[f32; 3]| Ray::new(*at, [(); 3].map(|()| 2.0 * random.unit() - 1.0));
+    let rays: Vec<Ray> = points.iter().map(&mut ray).collect();
+    let spheres: Vec<Sphere> = points.iter().map(|at| Sphere::new(*at, f32::INFINITY)).collect();
+
+    let begin = Instant::now();
+    let mut here = scene_of(daemon, Backend::InProcess, &boxes, options)?;
+    note_build("pairmask-in-process", name, begin, options);
+    let mut there = scene_of(daemon, Backend::Daemon, &boxes, options)?;
+
+    let of_parry = |b: &Aabb| {
+        let [min, max] = [b.min, b.max].map(|[x, y, z]| Vector::new(x, y, z));
+        ParryBox::new(min, max)
+    };
+    let parry_boxes: Vec<_> = boxes.iter().map(of_parry).collect();
+    let begin = Instant::now();
+    let leaves = parry_boxes.iter().copied().enumerate();
+    let parry_tree = Bvh::from_iter(BvhBuildStrategy::Binned, leaves);
+    note_build("parry", name, begin, options);
+    let parry_hit = |ray: &Ray| {
+        let [origin, direction] = [ray.origin, ray.direction].map(|[x, y, z]| Vector::new(x, y, z));
+        let ray = parry3d::query::Ray::new(origin, direction);
+        let cast = |at: u32, best| parry_boxes[at as usize].cast_local_ray(&ray, best, true);
+        usize::from(parry_tree.cast_ray(&ray, f32::MAX, cast).is_some())
+    };
+    let batch = |hit: &(dyn Fn(&Ray) -> usize + Sync)| {
+        let of_chunk = |rays: &[Ray]| rays.iter().map(hit).sum::<usize>();
+        Ok(pool.install(|| rays.par_chunks(CHUNK).map(of_chunk).sum()))
+    };
+    let title = [("what", "rays".to_owned()), ("scene", name.to_string())];
+    let contenders: Vec<(&str, Run<'_>)> = vec![
+        ("pairmask-in-process", Box::new(|| Ok(looked_at(&here.cast(&rays, Hits::Closest(1))?)))),
+        ("pairmask-daemon", Box::new(|| Ok(looked_at(&there.cast(&rays, Hits::Closest(1))?)))),
+        ("parry", Box::new(|| batch(&parry_hit))),
+    ];
+    take_turns(&title, contenders, options)?;
+
+    let entry =
+        |(b, index): (&Aabb, u32)| GeomWithData::new(Rectangle::from_corners(b.min, b.max), index);
+    let entries: Vec<_> = boxes.iter().zip(0..).map(entry).collect();
+    let begin = Instant::now();
+    let rstar_tree = RTree::bulk_load(entries);
+    note_build("rstar", name, begin, options);
+    let rstar = || {
+        let of_chunk = |points: &[[f32; 3]]| {
+            let near = |at: &[f32; 3]| {
+                rstar_tree.nearest_neighbor_iter(*at).take(NEAREST as usize).count()
+            };
+            points.iter().map(near).sum::<usize>()
+        };
+        Ok(pool.install(|| points.par_chunks(CHUNK).map(of_chunk).sum()))
+    };
+    let title = [("what", "nearest".to_owned()), ("scene", name.to_string())];
+    let near = Hits::Closest(NEAREST);
+    let contenders: Vec<(&str, Run<'_>)> = vec![
+        ("pairmask-in-process", Box::new(|| Ok(looked_at(&here.nearest(&spheres, near)?)))),
+        ("pairmask-daemon", Box::new(|| Ok(looked_at(&there.nearest(&spheres, near)?)))),
+        ("rstar", Box::new(rstar)),
+    ];
+    take_turns(&title, contenders, options)
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let options = Options::parse();
+    let daemon = pairmask_tests::measure::daemon(pairmaskd::execute::gpu::GpuChoice::None)?;
+    let pool = pool(options.threads);
+    for name in &options.scene {
+        compare(&daemon, &pool, *name, &options)?;
+    }
+    Ok(())
+}
