@@ -91,6 +91,7 @@ typedef enum {
   PM_ERR_QUERY_FILTER_DATA = 78, // Not filter data for each query, nor one for all.
   PM_ERR_TOO_MANY_FILTERS = 79, // More than 65,536 filters.
   PM_ERR_BOUNDS = 80, // Bounds that are empty or not finite.
+  PM_ERR_INEXACT_SHIFT = 81, // A scene is to be moved to where float does not hold its boxes.
 
   PM_ERR_SCENE_NAME = 90, // No name of a shared scene.
   PM_ERR_IN_PROCESS = 91, // The session answers in process, where there is no shared scene.
@@ -655,6 +656,11 @@ pm_code pm_scene_get(pm_scene scene, uint32_t index, pm_box *b);
 
 // Facts about a scene, whose answer stays as with `pm_scene_get`. Set `info->struct_size` first.
 pm_code pm_scene_get_info(pm_scene scene, pm_scene_info *info);
+
+// Moves all boxes of a scene by a vector of three numbers, of a shared one this member's. No pair begins or ends: where float does not hold
+// every coordinate afterwards, PM_ERR_INEXACT_SHIFT, and the scene is what it was. An edit that is being written is
+// discarded, and the scene's answer ends.
+pm_code pm_scene_shift_origin(pm_scene scene, const float *by);
 
 // Asks which boxes of a scene some other boxes overlap. `filter_data` is null, so that boxes of all worlds are found,
 // or one for all queries, or one for each: then only what may meet such filter data is found. `found` is set to pairs

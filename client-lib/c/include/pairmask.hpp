@@ -379,7 +379,8 @@ private:
 // A persistent scene: edits go in, changes of pairs come out. What is set and so on is the edit that
 // commit() sends; arrays are read where they lie until it is answered. An answer is acknowledged by being
 // waited for, and lives until the next call that writes or sends an edit, or that asks the scene something:
-// query(), cast(), nearest(), resync(), or a lease.
+// query(), cast(), nearest(), shift_origin(), resync(), or a
+// lease.
 class Scene : public detail::Handle<pm_scene, pm_scene_drop> {
 public:
   using Handle::Handle;
@@ -439,6 +440,11 @@ public:
     const pm_code code = pm_scene_query(get(), boxes.data(), boxes.size(), filter_data.data(),
                                         filter_data.size(), &found, &count);
     return detail::made<Span<const Pair>>(code, Span<const Pair>(found, count));
+  }
+  // Moves all boxes by a vector: pm_scene_shift_origin.
+  Result<Done> shift_origin(float x, float y, float z) {
+    const float by[3] = {x, y, z};
+    return detail::done(pm_scene_shift_origin(get(), by));
   }
   // The boxes that rays hit, by ray, by distance, and then by index: pm_scene_cast. What is found lives until the next
   // cast() or nearest().

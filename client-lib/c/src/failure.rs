@@ -78,6 +78,7 @@ const fn of_edit(error: &EditError) -> pm_code {
         EditError::SetTwice { .. } => PM_ERR_SET_TWICE,
         EditError::Absent { .. } => PM_ERR_ABSENT,
         EditError::NoMargins => PM_ERR_NO_MARGINS,
+        EditError::InexactShift { .. } => PM_ERR_INEXACT_SHIFT,
         EditError::NoMemory { .. } => PM_ERR_OUT_OF_MEMORY,
         _ => PM_ERR_OTHER,
     }

@@ -140,6 +140,36 @@ impl Aabb {
         })
     }
 
+    /// The box moved by a vector, each face rounded outward where f32 does not hold the sum, and whether all of it is
+    /// exact. What is infinite, or a NaN, stays.
+    ///
+    /// ```
+    /// use pairmask_core::Aabb;
+    /// let b = Aabb::new([0.5; 3], [1.0; 3]);
+    /// assert_eq!(b.moved([1_024.0, 0.0, -0.5]), (Aabb::new([1_024.5, 0.5, 0.0], [1_025.0, 1.0, 0.5]), true));
+    /// let (moved, is_exact) = b.moved([0.1, 0.0, 0.0]);
+    /// assert!(!is_exact && f64::from(moved.max[0]) > 1.1);
+    /// ```
+    #[must_use]
+    pub fn moved(&self, by: impl Into<[f32; 3]>) -> (Self, bool) {
+        let by = by.into();
+        floats::with_default(|| {
+            let (mut moved, mut is_exact) = (*self, true);
+            for axis in 0..3 {
+                for (face, is_max) in [(&mut moved.min[axis], false), (&mut moved.max[axis], true)]
+                {
+                    if face.is_finite() {
+                        let above = sum_above(*face, by[axis]);
+                        let below = -sum_above(-*face, -by[axis]);
+                        is_exact &= above == below && above.is_finite();
+                        *face = if is_max { above } else { below };
+                    }
+                }
+            }
+            (moved, is_exact)
+        })
+    }
+
     /// Valid, empty or invalid.
     #[inline]
     pub fn class(&self) -> BoxClass {
@@ -182,7 +212,7 @@ impl From<Aabb> for ([f32; 3], [f32; 3]) {
     }
 }
 
-/// The smallest number that is not below `x + by`, for `by` above 0. Needs the default flags.
+/// The smallest number that is not below `x + by`, for a finite x. Needs the default flags.
 fn sum_above(x: f32, by: f32) -> f32 {
     debug_assert!(floats::are_default());
     if by == f32::INFINITY {

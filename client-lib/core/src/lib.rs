@@ -10,6 +10,7 @@ pub mod dispatch;
 pub mod engine;
 pub mod filters;
 pub mod floats;
+mod huge_pages;
 mod interop;
 mod isa;
 pub mod mask;

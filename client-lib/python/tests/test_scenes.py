@@ -166,6 +166,21 @@ def test_queries(session: pairmask.Session) -> None:
     assert scene.query(asked[0]).shape[1] == 2 and scene.query(np.zeros((0, 6))).shape == (0, 2)
 
 
+def test_origins_that_shift(session: pairmask.Session) -> None:
+    boxes = np.floor(oracle.boxes_of(300, 5) * 4) / 4
+    scene = session.scene()
+    first = scene.edit().set(range(300), boxes).commit().begun
+    assert len(first) > 10
+    scene.shift_origin([-4096, 0.25, 8])
+    changes = scene.edit().commit()
+    assert len(changes.begun) == len(changes.ended) == 0 and not changes.is_resync
+    box = scene.get(7)
+    assert box is not None and box.tolist() == (boxes[7] + [-4096, 0.25, 8] * 2).tolist()
+    oracle.check(scene.edit().commit("all").pairs, oracle.pairs_of(boxes))
+    with pytest.raises(ValueError, match="the scene cannot be moved"):
+        scene.shift_origin([1e9, 0, 0])
+
+
 def test_casts(session: pairmask.Session) -> None:
     boxes = oracle.boxes_of(300, 5)
     scene = session.scene()

@@ -19,6 +19,7 @@ mod sessions;
 mod shared_memory;
 mod shared_scene_lives;
 mod shared_scenes;
+mod shifted_scenes;
 mod side_by_side;
 mod spheres;
 mod strangers;

@@ -126,6 +126,14 @@ pub extern "C" fn pm_scene_resync(scene: pm_scene) -> pm_code {
 }
 
 #[unsafe(no_mangle)]
+pub extern "C" fn pm_scene_shift_origin(scene: pm_scene, by: In<f32>) -> pm_code {
+    change(scene, |edited| {
+        let &[x, y, z] = by.array(3)? else { return Err(Failure::argument("three numbers")) };
+        Ok(edited.scene.shift_origin([x, y, z])?)
+    })
+}
+
+#[unsafe(no_mangle)]
 pub extern "C" fn pm_scene_get(scene: pm_scene, index: u32, b: Out<pm_box>) -> pm_code {
     b.give(|| {
         let found = scene.with(|scene| scene.state.look(|scene| scene.get(index)))?;

@@ -387,6 +387,15 @@ static void scenes(pm_session session) {
   const pm_filter_data filter_data[] = {other_world, other_world, other_world};
   EXPECT(PM_ERR_QUERY_FILTER_DATA, pm_scene_query(scene, &a, 1, filter_data, 3, &pairs, &count));
 
+  const float away_from[3] = {256, 0, -2}, back[3] = {-256, 0, 2}, too_far[3] = {1e9f, 0, 0};
+  EXPECT(PM_OK, pm_scene_shift_origin(scene, away_from));
+  EXPECT(PM_OK, pm_scene_query(scene, &a, 1, NULL, 0, &pairs, &count));
+  CHECK(count == 0);
+  EXPECT(PM_ERR_INEXACT_SHIFT, pm_scene_shift_origin(scene, too_far));
+  EXPECT(PM_ERR_ARGUMENT, pm_scene_shift_origin(scene, NULL));
+  EXPECT(PM_OK, pm_scene_shift_origin(scene, back));
+  changes(scene, *expected, 0, 0, 0); /* no pair has begun or ended */
+
   const float start = a.min[0] - 4;
   const pm_ray ray = {{start, a.min[1], a.min[2]}, {2, 0, 0}, INFINITY, {0, 0, 0}};
   const pm_ray away = {{start, a.min[1], a.min[2]}, {-1, 0, 0}, INFINITY, {0, 0, 0}};

@@ -104,6 +104,9 @@ void scenes(pm::Session &session) {
   auto answer = scene.commit(PM_REPORT_CHANGES).value();
   CHECK(are(answer.begun(), {{7, 9}}) && answer.ended().empty() && answer.late().empty());
   CHECK(scene.query(std::vector<pm::Box>{at(0)}).value().size() == 2);
+  scene.shift_origin(64, 0, 0).value();
+  scene.shift_origin(-64, 0, 0).value();
+  CHECK(scene.shift_origin(1e9f, 0, 0).error().code() == PM_ERR_INEXACT_SHIFT);
   const float far = std::numeric_limits<float>::infinity();
   const std::vector<pm::Ray> rays = {{{-4, 0, 0}, {2, 0, 0}, far, {0, 0, 0}}};
   CHECK(scene.cast(rays, pm::Hits::all()).value().size() == 2);

@@ -6,6 +6,7 @@ use super::node::{FAN_OUT, Leaf, NOTHING, Node};
 use crate::aabb::Aabb;
 use crate::engine::{AvailableIsa, order_by_tree};
 use crate::floats;
+use crate::huge_pages;
 use crate::team::{self, for_each_in_parts, part_count};
 
 /// Leaves that a task fills at least.
@@ -56,7 +57,11 @@ impl BoxTree {
         let entries = order_by_tree(boxes, threads, AvailableIsa::best());
         let entries = entries.as_slice();
         self.leaves.clear();
-        self.leaves.resize(entries.len().div_ceil(FAN_OUT).max(1), Leaf::NOTHING);
+        let leaves = entries.len().div_ceil(FAN_OUT).max(1);
+        // Where there is no memory, the next line says so.
+        let _ = self.leaves.try_reserve(leaves);
+        huge_pages::prefer(&self.leaves);
+        self.leaves.resize(leaves, Leaf::NOTHING);
         let parts = part_count(self.leaves.len(), TASK_LEAVES, threads);
         let step = self.leaves.len().div_ceil(parts).max(1);
         let some = entries.chunks(step * FAN_OUT);

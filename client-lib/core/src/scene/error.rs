@@ -58,6 +58,12 @@ pub enum EditError {
     /// A box with a margin in a scene whose boxes have none.
     #[error("this scene's boxes have no margins: give its options some")]
     NoMargins,
+    /// A scene that cannot be moved, because f32 does not hold where one of its boxes would be.
+    #[error("the scene cannot be moved: f32 does not hold where box {index} would be")]
+    InexactShift {
+        /// Its index.
+        index: u32,
+    },
     /// No memory for a scene of so many boxes.
     #[error("no memory for a scene of {boxes} boxes")]
     NoMemory {

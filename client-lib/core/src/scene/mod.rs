@@ -45,7 +45,6 @@ mod edit;
 mod error;
 mod fetch;
 mod history;
-mod huge_pages;
 mod margins;
 mod options;
 mod pair_list;

@@ -189,6 +189,12 @@ impl PyScene {
         self.cast_shapes(py, Shapes::Spheres(&spheres), hits_of(closest), parts)
     }
 
+    /// Moves all boxes by a vector (3). No pair begins or ends: where float32 does not hold every coordinate afterwards,
+    /// a `ValueError`, and the scene is what it was.
+    fn shift_origin(&self, py: Python<'_>, by: [f32; 3]) -> PyResult<()> {
+        self.with_detached(py, |scene| scene.shift_origin(by))
+    }
+
     /// Requests a resync: the next changes are one.
     fn resync(&self, py: Python<'_>) -> PyResult<()> {
         self.with(py, Scene::resync)

@@ -57,7 +57,7 @@ impl SceneBackend {
         }
     }
 
-    fn begin(&mut self, edit: Edit<'_>, report: Report) -> Result<Awaited, Error> {
+    pub fn begin(&mut self, edit: Edit<'_>, report: Report) -> Result<Awaited, Error> {
         match self {
             Self::Remote(scene) => scene.begin(edit, report),
             Self::Here(scene) => {
@@ -262,7 +262,7 @@ impl Scene {
 
     /// Receives the answer to an edit that nobody waited for: a commit of a shared scene that was refused is taken back
     /// before another edit is checked.
-    fn settle(&mut self) {
+    pub(super) fn settle(&mut self) {
         if let SceneBackend::Remote(scene) = &mut self.backend
             && scene.settle()
             && let Some(margins) = &mut self.margins

@@ -11,6 +11,7 @@
 //! edit      what an edit does, until it is sent
 //! query     which boxes some other boxes overlap
 //! cast      which boxes rays hit, and which are nearest
+//! shift     worlds whose origin moves
 //! ```
 
 mod answer;
@@ -23,6 +24,7 @@ mod query;
 mod question;
 mod remote;
 mod sharing;
+mod shift;
 
 pub use self::answer::SceneAnswer;
 pub use self::backend::Scene;

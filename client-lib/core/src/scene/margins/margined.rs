@@ -106,6 +106,11 @@ impl Margined {
         &self.now
     }
 
+    /// Whether pairs are those of the boxes as they were set, and not of inflated ones.
+    pub const fn is_exact(&self) -> bool {
+        matches!(self.pairs, Pairs::Exact(_))
+    }
+
     /// The margin of boxes that are set without one.
     pub const fn usual(&self) -> Margin {
         self.usual
@@ -221,6 +226,16 @@ impl Margined {
         self.stats.requests += u64::from(is_request);
         self.stats.set += edit.boxes() as u64;
         self.stats.sent += self.outgoing.len() as u64;
+    }
+
+    /// Moves all boxes together: an edit of the boxes as they were set, which changes no pair of them. Those that were
+    /// sent have been moved too.
+    pub fn shift(&mut self, edit: Edit<'_>) {
+        match &mut self.pairs {
+            Pairs::Near(near) => near.is_open = true,
+            Pairs::Exact(exact) => exact.is_behind = true,
+        }
+        self.now.apply(edit);
     }
 
     /// Takes the changes of near pairs that the scene reports, or all of them in a resync.

@@ -8,7 +8,7 @@ const LEAST_BYTES: usize = 4 << 20;
 /// Asks for huge pages behind the memory of a vector, where there is much of it. Pages that were written before
 /// stay as they are, so do it before. Where the system has no huge pages, nothing changes.
 #[inline]
-pub(super) fn prefer<T>(memory: &Vec<T>) {
+pub(crate) fn prefer<T>(memory: &Vec<T>) {
     let bytes = memory.capacity() * size_of::<T>();
     if bytes >= LEAST_BYTES {
         advise(memory.as_ptr().cast(), bytes);
