@@ -92,6 +92,7 @@ typedef enum {
   PM_ERR_TOO_MANY_FILTERS = 79, // More than 65,536 filters.
   PM_ERR_BOUNDS = 80, // Bounds that are empty or not finite.
   PM_ERR_INEXACT_SHIFT = 81, // A scene is to be moved to where float does not hold its boxes.
+  PM_ERR_SCENE_FILE = 82, // A file of a scene cannot be written or read, or is none of this version.
 
   PM_ERR_SCENE_NAME = 90, // No name of a shared scene.
   PM_ERR_IN_PROCESS = 91, // The session answers in process, where there is no shared scene.
@@ -656,6 +657,15 @@ pm_code pm_scene_get(pm_scene scene, uint32_t index, pm_box *b);
 
 // Facts about a scene, whose answer stays as with `pm_scene_get`. Set `info->struct_size` first.
 pm_code pm_scene_get_info(pm_scene scene, pm_scene_info *info);
+
+// Saves a scene in a file: boxes, flags, filters and pair lists, of a shared one this member's. What was reported is not
+// saved. An edit that is being written is discarded, and the scene's answer ends.
+pm_code pm_scene_save(pm_scene scene, const char *path);
+
+// A scene of a file that pm_scene_save has written, of this version or another of the same major one. Its boxes begin with
+// the next changes. `options` may be null.
+pm_code pm_session_load_scene(pm_session session, const pm_scene_options *options, const char *path,
+                              pm_scene *scene);
 
 // Moves all boxes of a scene by a vector of three numbers, of a shared one this member's. No pair begins or ends: where float does not hold
 // every coordinate afterwards, PM_ERR_INEXACT_SHIFT, and the scene is what it was. An edit that is being written is

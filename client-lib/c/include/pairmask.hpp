@@ -379,8 +379,8 @@ private:
 // A persistent scene: edits go in, changes of pairs come out. What is set and so on is the edit that
 // commit() sends; arrays are read where they lie until it is answered. An answer is acknowledged by being
 // waited for, and lives until the next call that writes or sends an edit, or that asks the scene something:
-// query(), cast(), nearest(), shift_origin(), resync(), or a
-// lease.
+// query(), cast(), nearest(), shift_origin(), save(), resync(), or
+// a lease.
 class Scene : public detail::Handle<pm_scene, pm_scene_drop> {
 public:
   using Handle::Handle;
@@ -441,6 +441,8 @@ public:
                                         filter_data.size(), &found, &count);
     return detail::made<Span<const Pair>>(code, Span<const Pair>(found, count));
   }
+  // Saves the scene in a file: pm_scene_save.
+  Result<Done> save(const char *path) { return detail::done(pm_scene_save(get(), path)); }
   // Moves all boxes by a vector: pm_scene_shift_origin.
   Result<Done> shift_origin(float x, float y, float z) {
     const float by[3] = {x, y, z};

@@ -95,6 +95,7 @@ const fn of_error(error: &Error) -> pm_code {
         | Error::Listed { .. } => PM_ERR_ARGUMENT,
         Error::FirstSet { .. } => PM_ERR_FIRST_SET,
         Error::Edit(error) => of_edit(error),
+        Error::SceneFile(_) => PM_ERR_SCENE_FILE,
         Error::Query(QueryError::FilterData { .. }) => PM_ERR_QUERY_FILTER_DATA,
         Error::Query(QueryError::Cull(_)) | Error::Cull(_) => PM_ERR_CULL,
         Error::TooManyQueries { .. } => PM_ERR_TOO_MANY_QUERIES,

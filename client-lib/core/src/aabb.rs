@@ -162,7 +162,8 @@ impl Aabb {
                         let above = sum_above(*face, by[axis]);
                         let below = -sum_above(-*face, -by[axis]);
                         is_exact &= above == below && above.is_finite();
-                        *face = if is_max { above } else { below };
+                        // Of equal ones the first: a sum that is 0 is not -0.
+                        *face = if is_max || above == below { above } else { below };
                     }
                 }
             }

@@ -1,6 +1,8 @@
 //! Sessions.
 
 use std::ffi::CString;
+use std::fs::File;
+use std::io::BufReader;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::{Duration, Instant};
@@ -44,6 +46,23 @@ pub fn margin(units: f32) -> PyResult<Margin> {
 pub struct PySession {
     session: Guarded<Session>,
     scenes: Mutex<Vec<Weak<Guarded<Edited>>>>,
+}
+
+/// The options of a scene of this session alone.
+fn options_of(
+    most_boxes: Option<u32>,
+    threads: Option<usize>,
+    margins: Option<&str>,
+    usual_margin: f32,
+) -> PyResult<SceneOptions> {
+    let mut options = SceneOptions::default();
+    options.most_boxes = most_boxes;
+    options.threads = threads;
+    if let Some(name) = margins {
+        let near_pairs = one_of(name, &[("exact", false), ("near", true)])?;
+        options = options.with_margin(margin(usual_margin)?).with_near_pairs(near_pairs);
+    }
+    Ok(options)
 }
 
 #[pymethods]
@@ -140,15 +159,26 @@ impl PySession {
         margins: Option<&str>,
         usual_margin: f32,
     ) -> PyResult<PyScene> {
-        let mut options = SceneOptions::default();
-        options.most_boxes = most_boxes;
-        options.threads = threads;
-        if let Some(name) = margins {
-            let near_pairs = one_of(name, &[("exact", false), ("near", true)])?;
-            options = options.with_margin(margin(usual_margin)?).with_near_pairs(near_pairs);
-        }
+        let options = options_of(most_boxes, threads, margins, usual_margin)?;
         let scene = self.session.with_detached(py, move |session| session.scene(options))?;
         scene.map(|scene| self.own(scene)).map_err(raised)
+    }
+
+    /// A scene that `Scene.save` has written to a file. Its boxes begin with the next changes.
+    #[pyo3(signature = (path, *, most_boxes=None, threads=None, margins=None, usual_margin=0.0))]
+    fn load_scene(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        most_boxes: Option<u32>,
+        threads: Option<usize>,
+        margins: Option<&str>,
+        usual_margin: f32,
+    ) -> PyResult<PyScene> {
+        let options = options_of(most_boxes, threads, margins, usual_margin)?;
+        let file = BufReader::new(File::open(path)?);
+        let load = move |session: &mut Session| session.load_scene(options, file);
+        self.session.with_detached(py, load)?.map(|scene| self.own(scene)).map_err(raised)
     }
 
     /// Joins a scene that several processes write, each its own boxes, by its name. `tick_deadline` (seconds; 0.1 unless

@@ -1,6 +1,7 @@
 """Scenes and edits under way: what began, what ended and why, what there is, what queries find."""
 
 import gc
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -177,8 +178,25 @@ def test_origins_that_shift(session: pairmask.Session) -> None:
     box = scene.get(7)
     assert box is not None and box.tolist() == (boxes[7] + [-4096, 0.25, 8] * 2).tolist()
     oracle.check(scene.edit().commit("all").pairs, oracle.pairs_of(boxes))
-    with pytest.raises(ValueError, match="the scene cannot be moved"):
+    with pytest.raises(pairmask.PairmaskError, match="the scene cannot be moved"):
         scene.shift_origin([1e9, 0, 0])
+
+
+def test_saved_scenes(session: pairmask.Session, tmp_path: Path) -> None:
+    boxes = oracle.boxes_of(300, 5)
+    scene = session.scene()
+    edit = scene.edit().set(range(300), boxes).set_enabled(7, False).filter_table(FilterTable([Filter(1, 1)]))
+    pairs = edit.set_filter(range(9), owner=3).exclude([[20, 21]]).commit("all").pairs
+    path = tmp_path / "scene"
+    scene.save(path)
+    loaded = session.load_scene(path, margins="exact", usual_margin=0.5)
+    assert len(loaded) == 300
+    assert loaded.edit().commit().begun.tolist() == pairs.tolist()
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(pairmask.PairmaskError, match="truncated"):
+        session.load_scene(path)
+    with pytest.raises(FileNotFoundError):
+        session.load_scene(tmp_path / "no scene")
 
 
 def test_casts(session: pairmask.Session) -> None:

@@ -7,7 +7,8 @@ use pairmask_core::engine::{CullError, IsaError};
 use pairmask_core::scene::shared::{LeaseError, NotLeased};
 use pairmask_core::scene::{EditError, QueryError, SceneError};
 use pairmask_wire::{
-    InstanceError, InstanceName, ReplyError, SceneNameError, TermsDiffer, TooManyPairs, Version,
+    InstanceError, InstanceName, ReplyError, SceneFileError, SceneNameError, TermsDiffer,
+    TooManyPairs, Version,
 };
 
 use crate::transport::{LimitError, PopulateError, TransportError};
@@ -154,6 +155,9 @@ pub enum Error {
     /// The edit is wrong.
     #[error(transparent)]
     Edit(#[from] EditError),
+    /// A scene cannot be saved, or loaded.
+    #[error(transparent)]
+    SceneFile(#[from] SceneFileError),
     /// The query is wrong, or this process cannot answer it.
     #[error(transparent)]
     Query(#[from] QueryError),

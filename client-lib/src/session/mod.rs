@@ -226,6 +226,21 @@ impl Session {
         Scene::new(&self.core, options)
     }
 
+    /// A scene that was [saved](Scene::save), by this version or another of the same major one. Its boxes have not been
+    /// reported: they begin with the next changes. Where `options` give it margins, its boxes have the usual ones.
+    ///
+    /// # Errors
+    /// [`Error::SceneFile`] where it cannot be read, and as [`SceneEdit::commit`].
+    pub fn load_scene(
+        &mut self,
+        options: SceneOptions,
+        mut from: impl std::io::Read,
+    ) -> Result<Scene, Error> {
+        let mut scene = self.scene(options)?;
+        scene.load(&mut from)?;
+        Ok(scene)
+    }
+
     /// How long the session waits for the daemon.
     pub fn deadline(&self) -> Duration {
         self.core.settings().deadline

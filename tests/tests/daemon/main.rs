@@ -12,6 +12,7 @@ mod precision;
 mod queries;
 mod repeats;
 mod reply_limits;
+mod saved_scenes;
 mod scene_model;
 mod scene_sessions;
 mod scene_slots;

@@ -15,6 +15,9 @@ mod edit;
 mod edited;
 mod shared;
 
+use std::ffi::c_char;
+use std::fs::File;
+use std::io::{BufReader, BufWriter};
 use std::ops::Range;
 
 use bytemuck::cast;
@@ -24,7 +27,7 @@ use pairmask::{Margin, SceneOptions};
 use self::answer::Lists;
 use self::edited::{Edited, State};
 use crate::call::call;
-use crate::code::pm_code::{self, PM_ERR_ABSENT};
+use crate::code::pm_code::{self, PM_ERR_ABSENT, PM_ERR_ARGUMENT};
 use crate::failure::Failure;
 use crate::handles::Handle;
 use crate::memory::{In, Out, raw};
@@ -109,6 +112,36 @@ pub extern "C" fn pm_scene_create(
     scene.give(|| {
         let options = options_of(&options.growing()?)?;
         pm_scene::new(Scene::new(session.with(|s| Ok(s.scene(options)?))?))
+    })
+}
+
+const NO_PATH: Failure = Failure::new(PM_ERR_ARGUMENT, "a path is null");
+
+/// The error of a file.
+fn of_file(error: std::io::Error) -> pairmask::Error {
+    pairmask::SceneFileError::from(error).into()
+}
+
+#[unsafe(no_mangle)]
+pub extern "C" fn pm_scene_save(scene: pm_scene, path: In<c_char>) -> pm_code {
+    change(scene, |edited| {
+        let path = path.text()?.ok_or(NO_PATH)?;
+        Ok(edited.scene.save(BufWriter::new(File::create(path).map_err(of_file)?))?)
+    })
+}
+
+#[unsafe(no_mangle)]
+pub extern "C" fn pm_session_load_scene(
+    session: pm_session,
+    options: In<pm_scene_options>,
+    path: In<c_char>,
+    scene: Out<pm_scene>,
+) -> pm_code {
+    scene.give(|| {
+        let options = options_of(&options.growing()?)?;
+        let path = path.text()?.ok_or(NO_PATH)?;
+        let file = BufReader::new(File::open(path).map_err(of_file)?);
+        pm_scene::new(Scene::new(session.with(|s| Ok(s.load_scene(options, file)?))?))
     })
 }
 

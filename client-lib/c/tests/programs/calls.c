@@ -396,6 +396,19 @@ static void scenes(pm_session session) {
   EXPECT(PM_OK, pm_scene_shift_origin(scene, back));
   changes(scene, *expected, 0, 0, 0); /* no pair has begun or ended */
 
+  const char *path = "calls.pmscene";
+  pm_scene loaded;
+  EXPECT(PM_OK, pm_scene_save(scene, path));
+  EXPECT(PM_OK, pm_session_load_scene(session, &options, path, &loaded));
+  EXPECT(PM_OK, pm_scene_query(loaded, &a, 1, NULL, 0, &pairs, &count));
+  CHECK(count == 2 && pairs[0].b == 7 && pairs[1].b == 9);
+  EXPECT(PM_OK, pm_scene_drop(loaded));
+  CHECK(remove(path) == 0);
+  EXPECT(PM_ERR_SCENE_FILE, pm_session_load_scene(session, NULL, path, &loaded));
+  EXPECT(PM_ERR_SCENE_FILE, pm_scene_save(scene, "/no/such/folder"));
+  EXPECT(PM_ERR_ARGUMENT, pm_scene_save(scene, NULL));
+  EXPECT(PM_ERR_ARGUMENT, pm_session_load_scene(session, NULL, NULL, &loaded));
+
   const float start = a.min[0] - 4;
   const pm_ray ray = {{start, a.min[1], a.min[2]}, {2, 0, 0}, INFINITY, {0, 0, 0}};
   const pm_ray away = {{start, a.min[1], a.min[2]}, {-1, 0, 0}, INFINITY, {0, 0, 0}};

@@ -186,7 +186,12 @@ impl<'a> WholeScene<'a> {
         let rules = filters.is_used().then(|| {
             let rules = filters.rules();
             let (included, excluded) = (rules.lists.included(), rules.lists.excluded());
-            WholeRules { rules, included: included.collect(), excluded: excluded.collect() }
+            let (mut included, mut excluded): (Vec<_>, Vec<_>) =
+                (included.collect(), excluded.collect());
+            // So that equal scenes are equal edits.
+            included.sort_unstable();
+            excluded.sort_unstable();
+            WholeRules { rules, included, excluded }
         });
         let (mut filtered, mut filter_data) = (Vec::new(), Vec::new());
         for index in 0..end as u32 {

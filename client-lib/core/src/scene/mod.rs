@@ -241,6 +241,11 @@ impl Scene {
         self.whole.limit_pairs(most);
     }
 
+    /// All of it, as an edit that makes it where there is no box.
+    pub fn whole(&self) -> WholeScene<'_> {
+        SceneSnapshot::new(&self.store, HistorySnapshot::Lost).whole()
+    }
+
     /// What the scene holds, for who keeps it from now on; `None` where it has changed since the last taken
     /// answer, and pairs were reported in that or may be taken still.
     pub fn snapshot(&self) -> Option<SceneSnapshot<'_>> {

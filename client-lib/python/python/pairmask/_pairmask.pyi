@@ -58,6 +58,15 @@ class Session:
         margins: Literal["exact", "near"] | None = None,
         usual_margin: float = 0.0,
     ) -> Scene: ...
+    def load_scene(
+        self,
+        path: str | PathLike[str],
+        *,
+        most_boxes: int | None = None,
+        threads: int | None = None,
+        margins: Literal["exact", "near"] | None = None,
+        usual_margin: float = 0.0,
+    ) -> Scene: ...
     def join_scene(
         self,
         name: str,
@@ -245,6 +254,7 @@ class Scene:
         filter: _PerBox = None,
         is_static: _PerBox = None,
     ) -> Hits: ...
+    def save(self, path: str | PathLike[str]) -> None: ...
     def shift_origin(self, by: Sequence[float]) -> None: ...
     def resync(self) -> None: ...
     def lease(self, indices: range) -> None: ...

@@ -13,6 +13,9 @@ mod edit;
 mod edited;
 mod ops;
 
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use pairmask::cast::{Hits, Ray, Shapes};
@@ -189,8 +192,14 @@ impl PyScene {
         self.cast_shapes(py, Shapes::Spheres(&spheres), hits_of(closest), parts)
     }
 
+    /// Saves the scene in a file: boxes, flags, filters and pair lists. `Session.load_scene` reads it.
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        let file = BufWriter::new(File::create(path)?);
+        self.with_detached(py, |scene| scene.save(file))
+    }
+
     /// Moves all boxes by a vector (3). No pair begins or ends: where float32 does not hold every coordinate afterwards,
-    /// a `ValueError`, and the scene is what it was.
+    /// a `PairmaskError`, and the scene is what it was.
     fn shift_origin(&self, py: Python<'_>, by: [f32; 3]) -> PyResult<()> {
         self.with_detached(py, |scene| scene.shift_origin(by))
     }

@@ -12,12 +12,14 @@
 //! query     which boxes some other boxes overlap
 //! cast      which boxes rays hit, and which are nearest
 //! shift     worlds whose origin moves
+//! file      scenes that are saved, and loaded again
 //! ```
 
 mod answer;
 mod backend;
 mod cast;
 mod edit;
+mod file;
 mod lists;
 mod options;
 mod query;

@@ -8,11 +8,13 @@
 //! questions what both have in their payload
 //! answer    the header and the payload of what is reported
 //! shared    scenes that several sessions write
+//! file      scenes that are saved
 //! ```
 
 mod answer;
 mod body;
 mod cast;
+mod file;
 mod query;
 mod questions;
 mod request;
@@ -21,6 +23,7 @@ mod shared;
 pub use answer::{EndedPairs, SceneAnswerLayout, SceneReply, response_scene, response_scene_ended};
 pub use body::{EditLayout, EditScratch};
 pub use cast::{CastReply, CastRequest, response_cast};
+pub use file::{SceneFile, SceneFileError, write_scene};
 pub use query::QueryRequest;
 pub use request::{SceneId, SceneRequest};
 pub use shared::{
