@@ -196,6 +196,20 @@ fn more_hits_than_may_be_are_an_error() {
 }
 
 #[test]
+fn more_boxes_on_the_way_than_there_is_room_for_are_none() {
+    // The farthest first.
+    let boxes: Vec<Aabb> = (0..90).map(|i| Aabb::point([90.0 - i as f32, 0.0, 0.0])).collect();
+    let along = [Ray::new([0.0; 3], [1.0, 0.0, 0.0])];
+    let mut hits = Vec::new();
+    for most in [5, 40] {
+        let limits = Limits { most_hits: 45, threads: 1 };
+        let (shapes, asked) = (Shapes::Rays(&along), Hits::Closest(most));
+        Among::Boxes(&boxes).cast(shapes, asked, &all, limits, &mut hits).expect("room");
+        assert!(check(0, &hits, &hit_by(&along[0], &boxes), asked).is_ok());
+    }
+}
+
+#[test]
 fn the_comparison_with_exact_fractions_can_fail() {
     let boxes = [Aabb::point([1.0, 0.0, 0.0]), Aabb::point([2.0, 0.0, 0.0])];
     let ray = Ray::new([0.0; 3], [1.0, 0.0, 0.0]);

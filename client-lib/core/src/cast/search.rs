@@ -356,7 +356,8 @@ impl Search<'_> {
                     *limit = limit.min(probe.limit_of(last.distance));
                     self.found.truncate(most);
                 }
-                self.found.len() < self.room
+                // More than there is room for at the end, not on the way.
+                most < self.room || self.found.len() < self.room
             }
         }
     }

@@ -56,11 +56,12 @@ impl BoxTree {
     fn build(&mut self, boxes: &[Aabb], threads: usize) {
         let entries = order_by_tree(boxes, threads, AvailableIsa::best());
         let entries = entries.as_slice();
-        self.leaves.clear();
         let leaves = entries.len().div_ceil(FAN_OUT).max(1);
-        // Where there is no memory, the next line says so.
-        let _ = self.leaves.try_reserve(leaves);
-        huge_pages::prefer(&self.leaves);
+        if leaves > self.leaves.capacity() {
+            self.leaves = Vec::with_capacity(leaves);
+            huge_pages::prefer(&self.leaves);
+        }
+        self.leaves.clear();
         self.leaves.resize(leaves, Leaf::NOTHING);
         let parts = part_count(self.leaves.len(), TASK_LEAVES, threads);
         let step = self.leaves.len().div_ceil(parts).max(1);
