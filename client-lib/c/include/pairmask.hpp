@@ -518,6 +518,10 @@ public:
   Result<Scene> scene(const SceneOptions &options = {}) {
     return detail::make<Scene, pm_scene>(pm_scene_create, get(), &options);
   }
+  // A scene that Scene::save has written.
+  Result<Scene> load_scene(const char *path, const SceneOptions &options = {}) {
+    return detail::make<Scene, pm_scene>(pm_session_load_scene, get(), &options, path);
+  }
   Result<Scene> join_scene(const char *name, const JoinOptions &options = {}) {
     return detail::make<Scene, pm_scene>(pm_scene_join, get(), name, &options);
   }

@@ -41,7 +41,7 @@ fn ask(tree: &BoxTree, boxes: &[Aabb], numbers: Numbers, queries: usize, rng: &m
 
 #[test]
 fn rays_and_spheres_hit_what_exact_fractions_say() {
-    let rounds = tier::nightly_or(60_000, 400);
+    let rounds = tier::nightly_or(130_000, 400);
     let mut rng = Rng::new(7);
     for round in 0..rounds {
         for numbers in Numbers::ALL {

@@ -4,6 +4,7 @@
 #include "check.h"
 
 #include <array>
+#include <cstdio>
 #include <limits>
 #include <vector>
 #if __cplusplus >= 202002L
@@ -104,6 +105,11 @@ void scenes(pm::Session &session) {
   auto answer = scene.commit(PM_REPORT_CHANGES).value();
   CHECK(are(answer.begun(), {{7, 9}}) && answer.ended().empty() && answer.late().empty());
   CHECK(scene.query(std::vector<pm::Box>{at(0)}).value().size() == 2);
+  const char *const path = "calls.pmscene";
+  scene.save(path).value();
+  CHECK(session.load_scene(path).value().query(std::vector<pm::Box>{at(0)}).value().size() == 2);
+  CHECK(std::remove(path) == 0);
+  CHECK(session.load_scene(path).error().code() == PM_ERR_SCENE_FILE);
   scene.shift_origin(64, 0, 0).value();
   scene.shift_origin(-64, 0, 0).value();
   CHECK(scene.shift_origin(1e9f, 0, 0).error().code() == PM_ERR_INEXACT_SHIFT);
