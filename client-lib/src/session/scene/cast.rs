@@ -26,7 +26,8 @@ impl Scene {
     /// [`pairmask::cast`](crate::cast) defines what is hit. A segment is a ray with an [end](Ray::up_to), and a box that
     /// moves along it a ray with [half extents](Ray::with_half_extents).
     ///
-    /// It asks the scene as [`query`](Self::query) does. Of boxes with margins, the boxes as they were set count.
+    /// It asks the scene as [`query`](Self::query) does. Of boxes with margins, the boxes as they were set count; of other
+    /// members of a shared scene, those that they have sent.
     ///
     /// ```
     /// use pairmask::cast::{Hits, Ray};

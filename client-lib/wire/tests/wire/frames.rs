@@ -418,7 +418,7 @@ fn a_status_body_is_checked_against_its_payload() {
 }
 
 /// Any header near a valid one: some bytes of it replaced.
-fn mutated<const BYTES: usize>(valid: [u8; BYTES]) -> impl Strategy<Value = [u8; BYTES]> {
+pub fn mutated<const BYTES: usize>(valid: [u8; BYTES]) -> impl Strategy<Value = [u8; BYTES]> {
     let interesting = prop_oneof![any::<u8>(), Just(0u8), Just(0xff), Just(0x80), Just(0x7f)];
     proptest::collection::vec((0..BYTES, interesting), 0..12).prop_map(move |changes| {
         let mut bytes = valid;

@@ -4,6 +4,7 @@
 use pairmask_core::Aabb;
 use pairmask_wire::{Page, page_count};
 
+mod casts;
 mod frames;
 mod rules;
 mod scenes;

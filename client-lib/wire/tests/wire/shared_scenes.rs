@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use pairmask_core::cast::{Hits, Ray, Shapes};
+use pairmask_core::Aabb;
 use pairmask_core::dispatch::StageTimes;
 use pairmask_core::engine::{EngineChoice, EngineName};
 use pairmask_core::filters::{FilterData, FilterId, Owner, World};
@@ -14,19 +14,18 @@ use pairmask_core::scene::{
     Edit, QueryFilterData, QueryMask, Report, Scene, SceneOptions, Sets, Step,
 };
 use pairmask_core::units::BoxCount;
-use pairmask_core::{Aabb, Sphere};
 use pairmask_wire::{
-    AgreedTerms, CastReply, CastRequest, CullRequest, JoinRequest, LeaseAction, LeaseRequest, Page,
-    QueryRequest, ReplyFields, Request, RequestHeader, ResponseHeader, SceneAnswerLayout, SceneId,
-    SceneName, SceneRequest, SceneSections, SharedTerms, TickMarks, parse_joined, parse_leased,
-    response_cast, response_joined, response_leased, response_scene,
+    AgreedTerms, CullRequest, JoinRequest, LeaseAction, LeaseRequest, Page, QueryRequest,
+    ReplyFields, Request, RequestHeader, ResponseHeader, SceneAnswerLayout, SceneId, SceneName,
+    SceneRequest, SceneSections, SharedTerms, TickMarks, parse_joined, parse_leased,
+    response_joined, response_leased, response_scene,
 };
 
 use crate::scenes::{self, written};
 use crate::{Bytes, TOKEN, at, pages};
 
-const FRAME: u64 = 9;
-const ASKED: ReplyFields =
+pub const FRAME: u64 = 9;
+pub const ASKED: ReplyFields =
     ReplyFields { client_token: TOKEN, frame: FRAME, box_count: BoxCount::new(0) };
 
 /// The kind of a section of late ranges; it is required, which the upper half says.
@@ -34,22 +33,22 @@ const LATE_RANGES: u64 = 25;
 
 /// The fields of a request that follow the magic, the version, the token and the frame.
 #[derive(Default)]
-struct Fields {
-    operation: u32,
-    boxes: u32,
-    engine: u32,
-    encoding: u32,
-    threads: u32,
-    sections: Vec<(u32, u64, u64)>,
-    scene: u32,
-    base: u64,
-    revision: u64,
-    most_boxes: u32,
-    scene_flags: u32,
+pub struct Fields {
+    pub operation: u32,
+    pub boxes: u32,
+    pub engine: u32,
+    pub encoding: u32,
+    pub threads: u32,
+    pub sections: Vec<(u32, u64, u64)>,
+    pub scene: u32,
+    pub base: u64,
+    pub revision: u64,
+    pub most_boxes: u32,
+    pub scene_flags: u32,
 }
 
 impl Fields {
-    fn bytes(&self) -> Vec<u8> {
+    pub fn bytes(&self) -> Vec<u8> {
         let bytes = Bytes::of_magic(b"PMRQ").u32(&[self.operation, 0]).u64(&[TOKEN, FRAME]).u32(&[
             self.boxes,
             self.engine,
@@ -102,48 +101,6 @@ fn golden_query() {
         assert_eq!(parsed, Ok(Request::QueryScene(request)));
         assert_eq!(request.read(&payload), Some((&queries[..], filter_data)));
     }
-}
-
-#[test]
-fn golden_cast() {
-    let rays = [Ray::new([1.0, 2.0, 3.0], [4.0, 5.0, 6.0]).up_to(7.0).with_half_extents([8.0; 3])];
-    let spheres = [Sphere::new([1.0, 2.0, 3.0], 4.0); 2];
-    let filter_data = QueryFilterData::One(FilterData::default());
-    for (shapes, hits, encoding, most_boxes, sections) in [
-        (Shapes::Rays(&rays), Hits::All, 1, 0, vec![(27, 0, 40), (23, 64, 12)]),
-        (Shapes::Spheres(&spheres), Hits::Closest(8), 2, 8, vec![(11, 0, 32), (23, 64, 12)]),
-        (Shapes::Rays(&rays), Hits::Any, 3, 0, vec![(27, 0, 40), (23, 64, 12)]),
-    ] {
-        let request = CastRequest::new(SceneId(5), Some(7), shapes, hits, &filter_data).unwrap();
-        let header = RequestHeader::cast_scene(TOKEN, FRAME, &request);
-        let fields = Fields {
-            operation: 11,
-            boxes: shapes.len() as u32,
-            encoding,
-            sections,
-            scene: 5,
-            base: 7,
-            most_boxes,
-            ..Fields::default()
-        };
-        assert_eq!(bytemuck::bytes_of(&header), fields.bytes(), "{hits:?}");
-        let mut payload = pages(request.payload_bytes());
-        assert!(request.write(shapes, &filter_data, &mut payload));
-        let floats: &[f32] = bytemuck::cast_slice(&payload);
-        assert_eq!(floats[..4], [1.0, 2.0, 3.0, 4.0]);
-        if matches!(shapes, Shapes::Rays(_)) {
-            assert_eq!(floats[4..10], [5.0, 6.0, 7.0, 8.0, 8.0, 8.0]);
-        }
-        assert_eq!(Request::parse(&header, 4096), Ok(Request::CastScene(request)));
-    }
-    let asked = ReplyFields { box_count: BoxCount::new(2), ..ASKED };
-    let times = StageTimes::default();
-    let header = response_cast(&asked, EngineName::CpuTree, 3, 5, &times);
-    let section = header.sections[0];
-    assert_eq!((section.kind, section.flags, section.offset, section.bytes), (28, 1, 0, 60));
-    assert_eq!((header.box_count, header.pair_count, header.threads), (2, 5, 3));
-    let reply = CastReply::parse(&header, &asked, 4096).unwrap();
-    assert_eq!((reply.engine, reply.threads), (EngineName::CpuTree.into(), 3));
 }
 
 #[test]
