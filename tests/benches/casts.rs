@@ -12,8 +12,9 @@ use std::time::Instant;
 use clap::Parser;
 use pairmask::cast::{Hits, Ray};
 use pairmask::{HitAnswer, SceneOptions};
-use pairmask_tests::measure::percentile;
+use pairmask_tests::measure::{self, percentile};
 use pairmask_tests::prelude::*;
+use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::scene::{Random, Scene, SceneName};
 use pairmaskd::spawn::PrivateDaemon;
 use parry3d::bounding_volume::Aabb as ParryBox;
@@ -44,6 +45,9 @@ struct Options {
     rounds: usize,
     #[arg(long, default_value_t = 2)]
     threads: usize,
+    /// A GPU whose video memory keeps the scene of one more contender
+    #[arg(long, default_value_t = GpuChoice::None)]
+    gpu: GpuChoice,
     #[arg(long)]
     json: bool,
     /// What cargo passes to every bench
@@ -131,10 +135,12 @@ fn note_build(what: &str, scene: SceneName, begin: Instant, options: &Options) {
 fn scene_of(
     daemon: &PrivateDaemon,
     backend: Backend,
+    engine: EngineChoice,
     boxes: &[Aabb],
     options: &Options,
 ) -> Result<pairmask::Scene, Box<dyn Error>> {
-    let mut session = daemon.session().backend(backend).threads(options.threads).connect()?;
+    let builder = daemon.session().backend(backend).engine(engine).threads(options.threads);
+    let mut session = builder.connect()?;
     let mut scene = session.scene(SceneOptions::default())?;
     let set = scene.edit().set_all(0..boxes.len() as u32, boxes);
     drop(set.commit(Report::Nothing)?);
@@ -160,9 +166,14 @@ fn compare(
     let spheres: Vec<Sphere> = points.iter().map(|at| Sphere::new(*at, f32::INFINITY)).collect();
 
     let begin = Instant::now();
-    let mut here = scene_of(daemon, Backend::InProcess, &boxes, options)?;
+    let mut here = scene_of(daemon, Backend::InProcess, EngineChoice::Auto, &boxes, options)?;
     note_build("pairmask-in-process", name, begin, options);
-    let mut there = scene_of(daemon, Backend::Daemon, &boxes, options)?;
+    let cores = EngineChoice::Only(EngineName::CpuGrid);
+    let mut there = scene_of(daemon, Backend::Daemon, cores, &boxes, options)?;
+    let video = EngineChoice::Only(EngineName::GpuGrid);
+    let has_gpu = options.gpu != GpuChoice::None;
+    let in_video = || scene_of(daemon, Backend::Daemon, video, &boxes, options);
+    let mut in_video = has_gpu.then(in_video).transpose()?;
 
     let of_parry = |b: &Aabb| {
         let [min, max] = [b.min, b.max].map(|[x, y, z]| Vector::new(x, y, z));
@@ -184,11 +195,15 @@ fn compare(
         Ok(pool.install(|| rays.par_chunks(CHUNK).map(of_chunk).sum()))
     };
     let title = [("what", "rays".to_owned()), ("scene", name.to_string())];
-    let contenders: Vec<(&str, Run<'_>)> = vec![
+    let mut contenders: Vec<(&str, Run<'_>)> = vec![
         ("pairmask-in-process", Box::new(|| Ok(looked_at(&here.cast(&rays, Hits::Closest(1))?)))),
         ("pairmask-daemon", Box::new(|| Ok(looked_at(&there.cast(&rays, Hits::Closest(1))?)))),
         ("parry", Box::new(|| batch(&parry_hit))),
     ];
+    if let Some(scene) = &mut in_video {
+        let run = || Ok(looked_at(&scene.cast(&rays, Hits::Closest(1))?));
+        contenders.push(("pairmask-video-memory", Box::new(run)));
+    }
     take_turns(&title, contenders, options)?;
 
     let entry =
@@ -208,17 +223,21 @@ fn compare(
     };
     let title = [("what", "nearest".to_owned()), ("scene", name.to_string())];
     let near = Hits::Closest(NEAREST);
-    let contenders: Vec<(&str, Run<'_>)> = vec![
+    let mut contenders: Vec<(&str, Run<'_>)> = vec![
         ("pairmask-in-process", Box::new(|| Ok(looked_at(&here.nearest(&spheres, near)?)))),
         ("pairmask-daemon", Box::new(|| Ok(looked_at(&there.nearest(&spheres, near)?)))),
         ("rstar", Box::new(rstar)),
     ];
+    if let Some(scene) = &mut in_video {
+        let run = || Ok(looked_at(&scene.nearest(&spheres, near)?));
+        contenders.push(("pairmask-video-memory", Box::new(run)));
+    }
     take_turns(&title, contenders, options)
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
     let options = Options::parse();
-    let daemon = pairmask_tests::measure::daemon(pairmaskd::execute::gpu::GpuChoice::None)?;
+    let daemon = measure::daemon(options.gpu.clone())?;
     let pool = pool(options.threads);
     for name in &options.scene {
         compare(&daemon, &pool, *name, &options)?;
