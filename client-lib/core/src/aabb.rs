@@ -213,17 +213,23 @@ impl From<Aabb> for ([f32; 3], [f32; 3]) {
     }
 }
 
+/// Whether a box is [valid](BoxClass::Valid). Needs the default floating-point flags:
+/// others take small numbers for 0.
+#[inline(always)]
+pub(crate) fn is_valid(b: &Aabb) -> bool {
+    debug_assert!(floats::are_default());
+    (0..3).all(|axis| b.min[axis] <= b.max[axis])
+}
+
 /// The smallest number that is not below `x + by`, for a finite x. Needs the default flags.
 fn sum_above(x: f32, by: f32) -> f32 {
     debug_assert!(floats::are_default());
     if by == f32::INFINITY {
         return by;
     }
-    // The sum of two is `sum + rest` exactly (Knuth): nothing overflows or underflows in f64.
+    // The sum of two is `sum + rest` exactly: nothing overflows or underflows in f64.
     let (a, b) = (f64::from(x), f64::from(by));
-    let sum = a + b;
-    let b_part = sum - a;
-    let rest = (a - (sum - b_part)) + (b - b_part);
+    let (sum, rest) = floats::two_sum(a, b);
     let rounded = sum as f32;
     let is_below = f64::from(rounded) < sum || (f64::from(rounded) == sum && rest > 0.0);
     if is_below { rounded.next_up() } else { rounded }
@@ -475,5 +481,20 @@ mod tests {
         assert_eq!(<([f32; 3], [f32; 3])>::from(b), (min, max));
         assert_eq!(Aabb::from(<[f32; 6]>::from(b)), b);
         assert_eq!(Aabb::from_center_half([2.5, 3.5, 4.5], [1.5; 3]), b);
+    }
+
+    proptest! {
+        #[test]
+        fn valid_boxes_are_those_of_that_class(
+            bits in prop::array::uniform6(any::<u32>()),
+            special in prop::array::uniform6(0usize..12),
+        ) {
+            const SPECIAL: [u32; 8] =
+                [0, 1 << 31, 1, 0x8000_0001, 0x7f80_0000, 0xff80_0000, 0x7fc0_0000, 0xff80_0001];
+            let b = Aabb::from(std::array::from_fn::<f32, 6, _>(|i| {
+                f32::from_bits(SPECIAL.get(special[i]).copied().unwrap_or(bits[i]))
+            }));
+            prop_assert_eq!(is_valid(&b), b.class() == BoxClass::Valid);
+        }
     }
 }

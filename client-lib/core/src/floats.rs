@@ -27,6 +27,14 @@ use std::hint::black_box;
 #[doc(hidden)]
 pub use self::register::{Control, DEFAULT, write as set};
 
+/// A sum as it is rounded, and what rounding has left out (Knuth). Needs the default flags.
+#[inline(always)]
+pub(crate) fn two_sum(a: f64, b: f64) -> (f64, f64) {
+    let sum = a + b;
+    let of_b = sum - a;
+    (sum, (a - (sum - of_b)) + (b - of_b))
+}
+
 #[cfg(target_arch = "x86_64")]
 #[allow(unsafe_code)]
 mod register {

@@ -126,6 +126,12 @@ pub(crate) fn stages(times: &StageTimes) -> [u64; 8] {
     [ingest_ns, plan_ns, execute_ns, publish_ns, total_ns, 0, 0, 0]
 }
 
+/// The times of a header.
+pub(crate) const fn times_of(header: &ResponseHeader) -> StageTimes {
+    let [ingest_ns, plan_ns, execute_ns, publish_ns, total_ns, ..] = header.stages_ns;
+    StageTimes { ingest_ns, plan_ns, execute_ns, publish_ns, total_ns }
+}
+
 /// The header of a refused or failed request. The status defines `detail`.
 pub fn response_error(
     fields: &ReplyFields,
@@ -233,7 +239,8 @@ impl Reply {
             .map_err(|field| ReplyError::Malformed { field })?;
         let [boxes, pairs, zero_words, unmoved, empty, axis] = header.skipped;
         let why = PairSkips::of_frame(unmoved, empty, axis).with_cells_of(pairs);
-        let [ingest_ns, plan_ns, execute_ns, publish_ns, total_ns, ..] = header.stages_ns;
+        let times = times_of(header);
+        let StageTimes { ingest_ns, execute_ns, publish_ns, .. } = times;
         Ok(Self {
             box_count: asked.box_count,
             engine: EngineId::from_wire(header.engine),
@@ -249,7 +256,7 @@ impl Reply {
                 skipped: SkipMeter { boxes, pairs, why, zero_words },
                 times: pairmask_core::engine::EngineTimes { ingest_ns, execute_ns, publish_ns },
             },
-            times: StageTimes { ingest_ns, plan_ns, execute_ns, publish_ns, total_ns },
+            times,
         })
     }
 

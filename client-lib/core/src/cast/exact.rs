@@ -3,21 +3,13 @@
 
 use std::cmp::Ordering;
 
-use crate::floats;
+use crate::floats::{self, two_sum};
 
 /// Most terms of a sum: two distances of nine each.
 const MOST_TERMS: usize = 18;
 
 /// Relative errors of what is computed in f64 here are below this: six roundings, with room.
 pub(super) const ERROR: f64 = 1.0 / (1u64 << 48) as f64;
-
-/// A sum as it is rounded, and what rounding has left out.
-#[inline(always)]
-pub(super) fn two_sum(a: f64, b: f64) -> (f64, f64) {
-    let sum = a + b;
-    let of_b = sum - a;
-    (sum, (a - (sum - of_b)) + (b - of_b))
-}
 
 /// How the sum of some finite numbers compares with 0. Their sums must not overflow, which products of two f32 do
 /// not.

@@ -48,7 +48,7 @@ pub use self::tree::BoxTree;
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::aabb::Aabb;
+use crate::aabb::{Aabb, is_valid};
 
 /// A ray or a segment, thin or as thick as a box that is swept along it: 40 bytes.
 ///
@@ -141,8 +141,7 @@ impl Hit {
     pub const ANY: u32 = u32::MAX;
 }
 
-/// A box that can be hit, or [`Aabb::EMPTY`] in place of one that overlaps nothing.
+/// A box that can be hit, or [`NOTHING`](node::NOTHING) in place of one that overlaps nothing.
 fn hittable(b: &Aabb) -> Aabb {
-    let is_valid = (0..3).all(|axis| b.min[axis] <= b.max[axis]);
-    if is_valid { *b } else { node::NOTHING }
+    if is_valid(b) { *b } else { node::NOTHING }
 }

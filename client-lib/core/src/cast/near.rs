@@ -90,9 +90,6 @@ impl Probe for SphereProbe<'_> {
     }
 
     fn measure(&self, b: &Aabb) -> Option<f64> {
-        if (0..3).any(|axis| b.min[axis] > b.max[axis]) {
-            return None;
-        }
         let square: f64 = self.gaps(b).iter().map(|gap| gap * gap).sum();
         let radius = f64::from(self.sphere.radius);
         let most = radius * radius;

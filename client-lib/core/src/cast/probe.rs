@@ -22,7 +22,8 @@ pub(super) trait Probe: Copy {
     /// The limit within which all boxes are that are no farther than a distance.
     fn limit_of(&self, distance: f64) -> f32;
 
-    /// The distance of a box, if it is hit: exactly.
+    /// The distance of a box, if it is hit: exactly. The box is valid, or [`NOTHING`](super::node::NOTHING), which is never
+    /// hit.
     fn measure(&self, b: &Aabb) -> Option<f64>;
 
     /// Compares the exact distances of two boxes that are hit.

@@ -4,10 +4,11 @@ use std::cmp::Ordering;
 use std::ops::{Mul, Sub};
 
 use super::Ray;
-use super::exact::{ERROR, sign_of_sum, two_sum};
+use super::exact::{ERROR, sign_of_sum};
 use super::node::{FAN_OUT, Keys, MISSED, Node, key};
 use super::probe::{Probe, ROUNDING, limit_above};
 use crate::aabb::Aabb;
+use crate::floats::two_sum;
 
 /// Largest origins and half extents for bounds in f32: what is subtracted from them does not overflow.
 const FARTHEST: f32 = 1e30;
@@ -271,9 +272,6 @@ impl<F: Real> Probe for RayProbe<'_, F> {
     fn measure(&self, b: &Aabb) -> Option<f64> {
         let (mut enter, mut leave) = (0.0, f64::from(self.ray.most));
         for axis in 0..3 {
-            if b.min[axis] > b.max[axis] {
-                return None;
-            }
             let [near, far] = self.faces(axis, b).map(|face| face.offset());
             let d = f64::from(self.ray.direction[axis]);
             if d == 0.0 {

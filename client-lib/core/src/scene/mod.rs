@@ -243,7 +243,7 @@ impl Scene {
 
     /// All of it, as an edit that makes it where there is no box.
     pub fn whole(&self) -> WholeScene<'_> {
-        SceneSnapshot::new(&self.store, HistorySnapshot::Lost).whole()
+        self.store.whole()
     }
 
     /// What the scene holds, for who keeps it from now on; `None` where it has changed since the last taken

@@ -26,6 +26,14 @@ impl BoxSnapshot {
     }
 }
 
+impl Store {
+    /// All of it, as an edit that makes it.
+    pub fn whole(&self) -> WholeScene<'_> {
+        let snapshot = |index| Some(BoxSnapshot::of(self.get(index)?, index, &self.states));
+        WholeScene::of(self.boxes().len(), None, snapshot, &self.states.filters)
+    }
+}
+
 /// What a scene has reported of its pairs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HistorySnapshot {
@@ -51,9 +59,7 @@ impl<'a> SceneSnapshot<'a> {
 
     /// All of it, as an edit that makes it.
     pub fn whole(&self) -> WholeScene<'a> {
-        let store = self.store;
-        let snapshot = |index| Some(BoxSnapshot::of(store.get(index)?, index, &store.states));
-        WholeScene::of(store.boxes().len(), None, snapshot, &store.states.filters)
+        self.store.whole()
     }
 
     /// What was reported.

@@ -1,7 +1,7 @@
 //! What a scene is asked: questions of Python's arrays, and answers as arrays.
 
 use bytemuck::{Pod, cast_slice_mut};
-use pairmask::cast::{Hits, Shapes};
+use pairmask::cast::{Hits, Ray, Shapes};
 use pairmask::filters::{FilterData, QueryFilterData};
 use pyo3::buffer::PyBuffer;
 use pyo3::prelude::*;
@@ -30,6 +30,14 @@ pub fn shapes<T: Pod>(py: Python<'_>, rows: &Bound<'_, PyAny>) -> PyResult<Vec<T
     let mut shapes = vec![T::zeroed(); rows.shape()[0]];
     rows.copy_to_slice(py, cast_slice_mut(&mut shapes))?;
     Ok(shapes)
+}
+
+/// Rays of origins, directions, ends and half extents.
+pub fn rays<'a, 'py>(
+    py: Python<'py>,
+    given: (&'a Bound<'py, PyAny>, &'a Bound<'py, PyAny>, Part<'a, 'py>, Part<'a, 'py>),
+) -> PyResult<Vec<Ray>> {
+    shapes(py, &imported!(py, "pairmask._convert", "rays")?.call1(given)?)
 }
 
 pub fn hits_of(closest: Option<u32>) -> Hits {

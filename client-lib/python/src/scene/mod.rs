@@ -18,13 +18,13 @@ use std::io::BufWriter;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use pairmask::cast::{Hits, Ray, Shapes};
+use pairmask::cast::{Hits, Shapes};
 use pairmask::{Scene, Sphere};
 use pyo3::prelude::*;
 use pyo3::types::{PyRange, PyRangeMethods};
 
 use self::answer::Indices;
-use self::asked::{filter_data_of, filters, hits_of, shapes};
+use self::asked::{filter_data_of, filters, hits_of, rays, shapes};
 pub use self::edit::{PyEdit, PyPendingAnswer};
 pub use self::edited::Edited;
 use crate::arrays::Rows;
@@ -131,9 +131,7 @@ impl PyScene {
         filter: Part<'_, '_>,
         is_static: Part<'_, '_>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let given = (origins, directions, most, half_extents);
-        let rays: Vec<Ray> =
-            shapes(py, &imported!(py, "pairmask._convert", "rays")?.call1(given)?)?;
+        let rays = rays(py, (origins, directions, most, half_extents))?;
         let parts = [world, owner, filter, is_static];
         self.cast_shapes(py, Shapes::Rays(&rays), hits_of(closest), parts)
     }
@@ -155,9 +153,7 @@ impl PyScene {
         filter: Part<'_, '_>,
         is_static: Part<'_, '_>,
     ) -> PyResult<Array> {
-        let given = (origins, directions, most, half_extents);
-        let rays: Vec<Ray> =
-            shapes(py, &imported!(py, "pairmask._convert", "rays")?.call1(given)?)?;
+        let rays = rays(py, (origins, directions, most, half_extents))?;
         let filter_data = filter_data_of(py, rays.len(), [world, owner, filter, is_static])?;
         let found = self.with_detached(py, |scene| {
             let filters = filters(filter_data.as_deref());

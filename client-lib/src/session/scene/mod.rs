@@ -4,7 +4,7 @@
 //! options   what a session asks of a scene
 //! lists     what is reported, in the memory of the daemon's answer or of the scene
 //! sharing   the membership of a scene that several processes write
-//! question  what a scene is asked, by whoever has it
+//! question  what a scene is asked, in a daemon or in this process
 //! remote    a scene that a daemon keeps, with the copy that this process keeps
 //! backend   the scene, kept by a daemon or in this process, with margins or without
 //! answer    the answer to an edit

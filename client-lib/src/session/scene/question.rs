@@ -1,4 +1,4 @@
-//! What a scene is asked that changes nothing: by whoever has it.
+//! What a scene is asked that changes nothing, in a daemon or in this process.
 
 use std::sync::Arc;
 

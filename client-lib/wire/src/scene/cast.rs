@@ -11,7 +11,7 @@ use super::request::SceneId;
 use crate::header::{Operation, RequestHeader, thread_number, threads_of};
 use crate::page::Page;
 use crate::reject::Reject;
-use crate::reply::{Reply, ReplyError, ReplyFields, ResponseHeader, envelope, stages};
+use crate::reply::{Reply, ReplyError, ReplyFields, ResponseHeader, envelope, stages, times_of};
 use crate::section::{Section, SectionKind, find, has, slots};
 use crate::status_code::StatusCode;
 
@@ -203,11 +203,10 @@ impl CastReply {
         }
         let hits = find(&header.sections, SectionKind::Hits, HIT_BYTES as u64, payload_bytes);
         let hits = hits.ok_or(ReplyError::Malformed { field: "hits" })?;
-        let [ingest_ns, plan_ns, execute_ns, publish_ns, total_ns, ..] = header.stages_ns;
         Ok(Self {
             engine: EngineId::from_wire(header.engine),
             threads: header.threads as usize,
-            times: StageTimes { ingest_ns, plan_ns, execute_ns, publish_ns, total_ns },
+            times: times_of(header),
             hits,
         })
     }

@@ -8,7 +8,7 @@
 
 use super::far::near_bounds;
 use super::fold::folded;
-use crate::aabb::Aabb;
+use crate::aabb::{Aabb, is_valid};
 use crate::stats::sample_indices;
 
 /// Boxes looked at: one in 16, so that small scenes pay little, between these limits. 1,024
@@ -370,11 +370,4 @@ fn lesser(a: f32, b: f32) -> f32 {
 /// The greater number, and the first where the second is a NaN.
 fn greater(a: f32, b: f32) -> f32 {
     if b > a { b } else { a }
-}
-
-/// Whether a box is [`crate::aabb::BoxClass::Valid`], with the default floating-point flags.
-fn is_valid(b: &Aabb) -> bool {
-    // False with a NaN.
-    let [x, y, z] = std::array::from_fn(|axis| b.min[axis] <= b.max[axis]);
-    x & y & z
 }

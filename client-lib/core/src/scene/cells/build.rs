@@ -2,10 +2,10 @@
 
 use super::block::{Block, SLOTS, STATIC, Slot};
 use super::layout::{self, Level};
-use super::quanta::is_valid;
 use super::runs::{NOWHERE, Runs};
 use super::{Cells, level_of};
 use crate::aabb::Aabb;
+use crate::aabb::is_valid;
 use crate::team::{for_each_in_parts, part_count, zip_in_parts};
 
 const TASK_BOXES: usize = 16_384;

@@ -20,9 +20,9 @@ mod search;
 mod stages;
 
 pub(super) use self::block::{CHANGED, INDEX, STATIC};
-pub(super) use self::quanta::is_valid;
 pub(super) use self::search::{Candidate, Probe, Searches};
 pub(super) use self::stages::{BATCH, BATCHES, Looked, in_stages};
+pub(super) use crate::aabb::is_valid;
 
 use self::block::Slot;
 use self::ghosts::Ghosts;

@@ -84,33 +84,3 @@ impl Quanta {
         std::array::from_fn(|axis| self.max[axis] - self.min[axis])
     }
 }
-
-/// Whether a box is [valid](crate::aabb::BoxClass::Valid). Needs the default floating-point flags:
-/// others take small numbers for 0.
-#[inline(always)]
-pub(in crate::scene) fn is_valid(b: &Aabb) -> bool {
-    debug_assert!(floats::are_default());
-    (0..3).all(|axis| b.min[axis] <= b.max[axis])
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::aabb::BoxClass;
-    use proptest::prelude::*;
-
-    proptest! {
-        #[test]
-        fn valid_boxes_are_those_of_that_class(
-            bits in prop::array::uniform6(any::<u32>()),
-            special in prop::array::uniform6(0usize..12),
-        ) {
-            const SPECIAL: [u32; 8] =
-                [0, 1 << 31, 1, 0x8000_0001, 0x7f80_0000, 0xff80_0000, 0x7fc0_0000, 0xff80_0001];
-            let b = Aabb::from(std::array::from_fn::<f32, 6, _>(|i| {
-                f32::from_bits(SPECIAL.get(special[i]).copied().unwrap_or(bits[i]))
-            }));
-            prop_assert_eq!(is_valid(&b), b.class() == BoxClass::Valid);
-        }
-    }
-}

@@ -9,8 +9,8 @@ use super::Cells;
 use super::admit::{Hit, Span, admit};
 use super::block::{Question, SLOTS};
 use super::layout::Level;
-use super::quanta::is_valid;
 use crate::aabb::Aabb;
+use crate::aabb::is_valid;
 
 /// Blocks of a run that are asked for ahead: further ones the processor finds by itself.
 const AHEAD: u32 = 8;
