@@ -131,7 +131,7 @@ pub use pairmask_core::aabb::Aabb;
 pub use pairmask_core::mask::PairList;
 pub use pairmask_core::precision::{Bounds, Margin, Precision};
 pub use pairmask_core::scene::shared::{AtEnd, Scope};
-pub use pairmask_core::scene::{EditError, EndReason, Ended, MarginStats, Report};
+pub use pairmask_core::scene::{EditError, EndReason, Ended, MarginStats, Report, SnapshotId};
 pub use pairmask_core::sphere::Sphere;
 pub use pairmask_core::update::{Placement, Transformed};
 pub use pairmask_core::write::{BoxSource, CenterHalf, MinMax};

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use pairmask_core::engine::{CullError, IsaError};
 use pairmask_core::scene::shared::{LeaseError, NotLeased};
-use pairmask_core::scene::{EditError, QueryError, SceneError};
+use pairmask_core::scene::{EditError, QueryError, SceneError, UnknownSnapshot};
 use pairmask_wire::{
     InstanceError, InstanceName, ReplyError, SceneFileError, SceneNameError, TermsDiffer,
     TooManyPairs, Version,
@@ -158,6 +158,12 @@ pub enum Error {
     /// A scene cannot be saved, or loaded.
     #[error(transparent)]
     SceneFile(#[from] SceneFileError),
+    /// The scene has no such snapshot.
+    #[error(transparent)]
+    Snapshot(#[from] UnknownSnapshot),
+    /// A shared scene has no snapshots: its other writers would have to go back too.
+    #[error("a shared scene has no snapshots: its other writers would have to go back too")]
+    SharedSnapshot,
     /// The query is wrong, or this process cannot answer it.
     #[error(transparent)]
     Query(#[from] QueryError),

@@ -24,7 +24,7 @@ pub struct RequestHeader {
     /// An [`Operation`].
     pub operation: u32,
     /// Of a cull: 1 an engine finds the pairs, also where the frame is equal to the last one (since 1.4).
-    /// Unknown flags are ignored.
+    /// Unknown flags are ignored. Of an edit: the low half of a number of pairs (since 1.13).
     pub flags: u32,
     /// Names the client: the listener of its node has the same number as its name. Apart from that
     /// an echo.
@@ -42,7 +42,7 @@ pub struct RequestHeader {
     /// What lies where in the payload.
     pub sections: [Section; SECTION_COUNT],
     /// Threads with which the client iterates over the pairs, or 0 for one (since 1.3; a hint, which older
-    /// readers ignore).
+    /// readers ignore). Of an edit: the high half of a number of pairs (since 1.13).
     pub iterate_threads: u32,
     /// The client's number of a scene; zero in a cull (since 1.4).
     pub scene: u32,

@@ -50,7 +50,7 @@ pub use status_code::{ENGINE_IS_OPENING, StatusCode};
 pub const VERSION_MAJOR: u16 = 1;
 /// Minor version, raised when a form of objects, an encoding, an engine, an operation, a section or a step of an edit is
 /// added. A client asks only a daemon of its own minor version or a later one.
-pub const VERSION_MINOR: u16 = 12;
+pub const VERSION_MINOR: u16 = 13;
 /// "PMRQ" in memory order. A wrong magic means that the writer is no pairmask client.
 pub const REQUEST_MAGIC: u32 = u32::from_le_bytes(*b"PMRQ");
 /// "PMRS" in memory order.

@@ -45,6 +45,7 @@ impl SceneNote {
             revision: number + 1,
             is_acknowledged: true,
             is_lost: false,
+            reported: None,
             report: reported.report(),
             most_boxes: u32::MAX,
             engine: EngineChoice::Auto,
@@ -81,7 +82,8 @@ impl SceneAudit {
     }
 
     /// Follows an edit. Returns what was compared: the pairs of the answer before, if it was taken.
-    /// `None` where the edit cannot be followed: its client changed it after it was answered.
+    /// `None` where the edit cannot be followed: its client changed it after it was answered, or went back to a snapshot
+    /// of a scene whose pairs take long to find.
     pub fn follow(&mut self, note: SceneNote) -> Option<Outcome> {
         let outcome = match self.open.take() {
             Some(last) if note.request.is_acknowledged => self.take(&last.reported),
@@ -91,8 +93,30 @@ impl SceneAudit {
         let edit = Edit { steps: &steps };
         self.copy.check(edit).ok()?;
         self.copy.apply(edit);
-        self.open = Some(note);
+        if note.request.reported.is_some() {
+            self.known = self.pairs_of_now()?;
+        } else {
+            self.open = Some(note);
+        }
         Some(outcome)
+    }
+
+    /// All pairs, unless there are too many boxes.
+    fn pairs_of_now(&self) -> Option<BTreeSet<[u32; 2]>> {
+        let end = self.copy.index_end();
+        if end * end > TESTS {
+            return None;
+        }
+        let boxes = self.corners();
+        let pairs = (0..end as u32).flat_map(|a| (a + 1..end as u32).map(move |b| [a, b]));
+        let is_pair = |[a, b]: &[u32; 2]| {
+            boxes[*a as usize].overlap(&boxes[*b as usize]) && self.copy.states().may_meet([*a, *b])
+        };
+        Some(pairs.filter(is_pair).collect())
+    }
+
+    fn corners(&self) -> Vec<Corners> {
+        (0..self.copy.index_end() as u32).map(|index| Corners::of(&self.box_at(index))).collect()
     }
 
     /// Compares the answer to a query with the boxes as they are after the last edit.
@@ -142,8 +166,7 @@ impl SceneAudit {
 
     fn compare(&mut self, outcome: &mut Outcome) {
         let end = self.copy.index_end();
-        let boxes: Vec<Corners> =
-            (0..end as u32).map(|index| Corners::of(&self.box_at(index))).collect();
+        let boxes = self.corners();
         for _ in 0..(TESTS / end.max(1)).max(1).min(end) {
             let row = self.random.below(end as u64) as u32;
             for (other, theirs) in (0..).zip(&boxes).filter(|(other, _)| *other != row) {

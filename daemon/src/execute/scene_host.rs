@@ -234,6 +234,10 @@ impl SceneHost {
         on_side!(&mut self.side, scene => scene.acknowledge());
     }
 
+    pub fn mark_reported(&mut self, pair_count: u64) {
+        on_side!(&mut self.side, scene => scene.mark_reported(pair_count));
+    }
+
     pub fn resync(&mut self) {
         on_side!(&mut self.side, scene => scene.resync());
     }

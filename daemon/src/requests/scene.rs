@@ -196,6 +196,9 @@ fn edit_and_answer(
         Err(SceneError::Cull(error)) => return Err(Failed::Lost(error.into())),
         Err(error) => return Err(Failed::Lost(Refusal::engine_failed(&error))),
     }
+    if let Some(pair_count) = request.reported {
+        scene.mark_reported(pair_count);
+    }
     let executed = Instant::now();
 
     let ns = |from: Instant, to: Instant| to.duration_since(from).as_nanos() as u64;

@@ -157,6 +157,7 @@ fn scene_request(
         revision,
         is_acknowledged: dice.below(2) == 0,
         is_lost: dice.below(9) == 0,
+        reported: (dice.below(9) == 0).then(|| dice.bits() >> dice.below(64)),
         report: [Report::Changes, Report::Moved, Report::All, Report::Nothing]
             [dice.below(4) as usize],
         most_boxes,

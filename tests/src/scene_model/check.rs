@@ -8,7 +8,7 @@ use pairmask_core::filters::{FilterData, FilterId, Owner, World};
 use pairmask_core::scene::QueryFilterData;
 
 use super::model::{Listener, Model, Received};
-use super::script::{AtEnd, Event, Fate, Pair, Scope, Script, Turn};
+use super::script::{AtEnd, Event, Fate, HOST, Pair, Scope, Script, Turn};
 use crate::queried::a_query;
 use crate::stress_scenes::Rng;
 
@@ -19,6 +19,18 @@ pub trait Subject {
     fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Received>)>, String>;
 
     fn invalidate(&mut self) {}
+
+    fn snapshot(&mut self, _number: u32) -> Result<(), String> {
+        Err("no snapshots".into())
+    }
+
+    fn restore(&mut self, _number: u32) -> Result<(), String> {
+        Err("no snapshots".into())
+    }
+
+    fn forget(&mut self, _number: u32) -> Result<(), String> {
+        Err("no snapshots".into())
+    }
 
     fn join(&mut self, _member: u32, _scope: Scope, _own: Range<u32>) -> Result<(), String> {
         Err("not shared".into())
@@ -104,6 +116,7 @@ struct Play {
     model: Model,
     listeners: BTreeMap<u32, Listener>,
     memberships: u64,
+    snapshots: BTreeMap<u32, (Model, Listener)>,
     seen: Seen,
 }
 
@@ -152,6 +165,24 @@ impl Play {
                 self.listeners.values_mut().for_each(|listener| listener.is_lost = true);
                 Ok(())
             }
+            Event::Snapshot(number) => {
+                let listener = self.listeners.get_mut(&HOST).expect("not shared");
+                // What boxes were when pairs were last reported is known with snapshots alone.
+                listener.is_lost |= self.snapshots.is_empty() && listener.is_behind();
+                self.snapshots.insert(*number, (self.model.clone(), listener.clone()));
+                subject.snapshot(*number).map_err(|error| ("refused", error))
+            }
+            Event::Restore(number) => {
+                let (model, listener) = self.snapshots[number].clone();
+                self.model = model;
+                self.listeners.insert(HOST, listener);
+                subject.restore(*number).map_err(|error| ("refused", error))?;
+                self.check_count(subject)
+            }
+            Event::Forget(number) => {
+                self.snapshots.remove(number);
+                subject.forget(*number).map_err(|error| ("refused", error))
+            }
             Event::Tick(turns) => {
                 let reported = subject.tick(turns).map_err(|error| ("refused", error))?;
                 // One that came too late under load is part of the next tick.
@@ -164,13 +195,17 @@ impl Play {
                 let mut ticks = by_tick.into_values();
                 let is_shared = script.shared.is_some();
                 ticks.try_for_each(|turns| self.tick(turns, is_shared, may_resync, by_reading))?;
-                match subject.box_count() {
-                    Some(len) if len != self.model.len() => {
-                        Err(("boxes", format!("{len} for {}", self.model.len())))
-                    }
-                    _ => Ok(()),
-                }
+                self.check_count(subject)
             }
+        }
+    }
+
+    fn check_count(&self, subject: &dyn Subject) -> Result<(), (&'static str, String)> {
+        match subject.box_count() {
+            Some(len) if len != self.model.len() => {
+                Err(("boxes", format!("{len} for {}", self.model.len())))
+            }
+            _ => Ok(()),
         }
     }
 
@@ -201,6 +236,9 @@ impl Play {
             .iter()
             .flat_map(|(turn, _)| self.model.apply(self.listeners[&turn.member].id, &turn.ops))
             .collect();
+        if reported.iter().any(|(turn, _)| !turn.ops.is_empty()) {
+            self.listeners.values_mut().for_each(Listener::note_edit);
+        }
         self.listeners.values_mut().for_each(|listener| listener.note_named(&named, is_shared));
         let now = self.model.pairs();
         for (turn, received) in reported {

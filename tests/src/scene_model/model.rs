@@ -280,6 +280,8 @@ pub struct Listener {
     pub is_lost: bool,
     /// Boxes that were named since what moved pairs are counted from; `None`: all boxes.
     moved: Option<BTreeSet<u32>>,
+    /// Whether it has acknowledged anything, and whether an edit was made since then.
+    acknowledged: [bool; 2],
     /// It learns of pairs that touch these indices; `None`: of all.
     pub own: Option<Range<u32>>,
 }
@@ -287,7 +289,17 @@ pub struct Listener {
 impl Listener {
     /// One that knows that there is no pair, or nothing.
     pub const fn new(id: u64, is_lost: bool, own: Option<Range<u32>>) -> Self {
-        Self { id, then: BTreeMap::new(), is_lost, moved: None, own }
+        Self { id, then: BTreeMap::new(), is_lost, moved: None, acknowledged: [false; 2], own }
+    }
+
+    /// An edit has been made.
+    pub const fn note_edit(&mut self) {
+        self.acknowledged[1] = true;
+    }
+
+    /// Whether it acknowledged an answer, and an edit was made since then.
+    pub fn is_behind(&self) -> bool {
+        self.acknowledged == [true; 2]
     }
 
     /// An edit has named some boxes: its own, of a scene that is not shared, whose moved pairs are those of one edit.
@@ -348,6 +360,7 @@ impl Listener {
         self.moved = Some(BTreeSet::new());
         if matches!(mode, Mode::Changes | Mode::All) {
             (self.then, self.is_lost) = (self.scope(now), false);
+            self.acknowledged = [true, false];
         }
     }
 }

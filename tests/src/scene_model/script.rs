@@ -9,6 +9,8 @@ use pairmask_core::filters::{Filter, FilterData};
 pub use pairmask_core::scene::shared::{AtEnd, Scope};
 pub use pairmask_core::scene::{EndReason, Ended, Report as Mode};
 
+use crate::stress_scenes::Rng;
+
 /// Indices of two boxes, the smaller one first where they are a pair.
 pub type Pair = [u32; 2];
 
@@ -74,6 +76,12 @@ pub enum Event {
     Leave(u32),
     /// The listener of a scene that is not shared has lost its pairs.
     Invalidate,
+    /// A snapshot is taken under a number, in place of one that was taken under it before.
+    Snapshot(u32),
+    /// The scene goes back to the snapshot of a number.
+    Restore(u32),
+    /// The snapshot of a number is forgotten.
+    Forget(u32),
     /// Members commit, one after the other. Those that do not are late.
     Tick(Vec<Turn>),
 }
@@ -89,8 +97,11 @@ pub struct Script {
     pub events: Vec<Event>,
 }
 
+/// Numbers of snapshots are below this.
+const SNAPSHOTS: u32 = 4;
+
 /// The member that no script lets leave: a shared scene ends with its last one.
-const HOST: u32 = 0;
+pub(super) const HOST: u32 = 0;
 
 impl Script {
     /// The indices of a member. There is an index of nobody between two members.
@@ -113,6 +124,27 @@ impl Script {
         self
     }
 
+    /// Takes snapshots now and then, and goes back to them.
+    #[must_use]
+    pub fn with_snapshots(mut self, seed: u64) -> Self {
+        let mut rng = Rng::new(seed);
+        let mut events = Vec::new();
+        for event in self.events.drain(..) {
+            for _ in 0..rng.below(3) {
+                let number = rng.below(SNAPSHOTS);
+                events.push(match rng.below(9) {
+                    0 => Event::Forget(number),
+                    1..5 => Event::Restore(number),
+                    _ => Event::Snapshot(number),
+                });
+            }
+            events.push(event);
+        }
+        self.events = events;
+        self.repair();
+        self
+    }
+
     pub fn ticks_mut(&mut self) -> impl Iterator<Item = &mut Vec<Turn>> {
         self.events.iter_mut().filter_map(|event| match event {
             Event::Tick(turns) => Some(turns),
@@ -129,12 +161,22 @@ impl Script {
         } else if !matches!(self.events.first(), Some(Event::Join(HOST, _))) {
             self.events.insert(0, Event::Join(HOST, Scope::All));
         }
+        let mut snapshots: BTreeMap<u32, BTreeSet<u32>> = BTreeMap::new();
         let owns: BTreeMap<u32, Range<u32>> = (0..8).map(|m| (m, self.own(m))).collect();
         self.events.retain_mut(|event| match event {
             Event::Join(member, _) if joined.contains_key(member) => false,
             Event::Join(member, _) => joined.insert(*member, BTreeSet::new()).is_none(),
             Event::Leave(member) => *member != HOST && joined.remove(member).is_some(),
             Event::Invalidate => true,
+            Event::Snapshot(number) => {
+                snapshots.insert(*number, joined[&HOST].clone());
+                true
+            }
+            Event::Restore(number) => snapshots.get(number).is_some_and(|present| {
+                joined.insert(HOST, present.clone());
+                true
+            }),
+            Event::Forget(number) => snapshots.remove(number).is_some(),
             Event::Tick(turns) => {
                 let first = joined.keys().next().copied();
                 let mut committed = BTreeSet::new();
@@ -197,7 +239,10 @@ impl fmt::Display for Script {
                     writeln!(f, "    Event::Join({member}, Scope::{scope:?}),")?;
                 }
                 Event::Leave(member) => writeln!(f, "    Event::Leave({member}),")?,
-                Event::Invalidate => writeln!(f, "    Event::Invalidate,")?,
+                Event::Invalidate
+                | Event::Snapshot(_)
+                | Event::Restore(_)
+                | Event::Forget(_) => writeln!(f, "    Event::{event:?},")?,
                 Event::Tick(turns) => {
                     writeln!(f, "    Event::Tick(vec![")?;
                     for Turn { member, ops, mode, fate } in turns {

@@ -33,6 +33,17 @@ pub fn hold_without_rules<S: Subject>(
     hold_scripts(kind, |seed| script_of(kind, seed).without_rules(), seed, edits, subject)
 }
 
+/// With snapshots that are taken now and then, and gone back to.
+pub fn hold_with_snapshots<S: Subject>(
+    kind: Kind,
+    seed: u64,
+    edits: usize,
+    subject: impl FnMut(&Script) -> S,
+) -> Seen {
+    let script_of = |seed| script_of(kind, seed).with_snapshots(seed);
+    hold_scripts(kind, script_of, seed, edits, subject)
+}
+
 fn hold_scripts<S: Subject>(
     kind: Kind,
     script_of: impl Fn(u64) -> Script,

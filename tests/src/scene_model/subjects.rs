@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use pairmask::{Scene, SceneAnswer, SceneEdit, ServedBy, Session};
+use pairmask::{Scene, SceneAnswer, SceneEdit, ServedBy, Session, SnapshotId};
 use pairmask_core::Aabb;
 use pairmask_core::cast::{Hit, Hits, Ray, Shapes};
 use pairmask_core::engine::{EngineId, EngineName};
@@ -165,6 +165,7 @@ pub struct SessionScene<'a> {
     /// Draws margins, of a scene that has some.
     margins: Option<Rng>,
     disturb: Box<dyn FnMut(Moment) + 'a>,
+    snapshots: BTreeMap<u32, SnapshotId>,
 }
 
 impl<'a> SessionScene<'a> {
@@ -180,7 +181,9 @@ impl<'a> SessionScene<'a> {
         disturb: impl FnMut(Moment) + 'a,
     ) -> Self {
         let scene = session.scene(session_options(script)).expect("no scene that is shared");
-        Self { scene, expected: None, may_resync: true, margins: None, disturb: Box::new(disturb) }
+        let disturb = Box::new(disturb);
+        let snapshots = BTreeMap::new();
+        Self { scene, expected: None, may_resync: true, margins: None, disturb, snapshots }
     }
 
     /// One whose boxes have margins of chance, and that reports exact pairs. No daemon that dies makes it resync.
@@ -192,8 +195,12 @@ impl<'a> SessionScene<'a> {
         let mut rng = Rng::new(script.events.len() as u64);
         let options = session_options(script).with_margin(a_margin(&mut rng, 0));
         let scene = session.scene(options).expect("no scene that is shared");
-        let (margins, disturb) = (Some(rng), Box::new(disturb));
-        Self { scene, expected: None, may_resync: false, margins, disturb }
+        let (margins, disturb, snapshots) = (Some(rng), Box::new(disturb), BTreeMap::new());
+        Self { scene, expected: None, may_resync: false, margins, disturb, snapshots }
+    }
+
+    fn forget_id(&mut self, id: SnapshotId) -> Result<(), String> {
+        self.scene.forget_snapshot(id).map_err(|error| error.to_string())
     }
 
     /// What is wrong with a box that the scene keeps after an edit.
@@ -260,6 +267,21 @@ impl Subject for SessionScene<'_> {
 
     fn invalidate(&mut self) {
         self.scene.resync();
+    }
+
+    fn snapshot(&mut self, number: u32) -> Result<(), String> {
+        let taken = self.scene.snapshot().map_err(|error| error.to_string())?;
+        self.snapshots.insert(number, taken).map_or(Ok(()), |before| self.forget_id(before))
+    }
+
+    fn restore(&mut self, number: u32) -> Result<(), String> {
+        (self.disturb)(Moment::UnderWay);
+        self.scene.restore(self.snapshots[&number]).map_err(|error| error.to_string())
+    }
+
+    fn forget(&mut self, number: u32) -> Result<(), String> {
+        let taken = self.snapshots.remove(&number);
+        taken.map_or(Ok(()), |before| self.forget_id(before))
     }
 
     fn may_resync(&self) -> bool {

@@ -22,5 +22,6 @@ mod shared_scene_lives;
 mod shared_scenes;
 mod shifted_scenes;
 mod side_by_side;
+mod snapshots;
 mod spheres;
 mod strangers;

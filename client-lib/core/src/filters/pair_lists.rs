@@ -70,6 +70,31 @@ impl PairLists {
         self.listed.iter().filter(|(_, listed)| listed.is_excluded).map(|(pair, _)| *pair)
     }
 
+    /// The pairs on any list that name one of these indices; some of them twice.
+    pub(crate) fn naming(
+        &self,
+        indices: &[u32],
+    ) -> impl Iterator<Item = ([u32; 2], Listed)> + use<> {
+        let mut found = Vec::new();
+        let named: HashSet<u32> =
+            indices.iter().copied().filter(|index| self.named.contains(index)).collect();
+        match &self.partners {
+            _ if named.is_empty() => {}
+            Some(partners) => {
+                for index in named {
+                    let own = partners.range([index, 0]..=[index, u32::MAX]);
+                    found.extend(own.map(|[a, b]| (in_order([*a, *b]), self.listed(*a, *b))));
+                }
+            }
+            None => {
+                let is_named = |pair: &[u32; 2]| pair.iter().any(|index| named.contains(index));
+                let own = self.listed.iter().filter(|(pair, _)| is_named(pair));
+                found.extend(own.map(|(pair, listed)| (*pair, *listed)));
+            }
+        }
+        found.into_iter()
+    }
+
     /// An index beyond the first `n` that a listed pair names.
     pub fn beyond(&self, n: u32) -> Option<u32> {
         let pairs = (self.end > u64::from(n)).then(|| self.listed.keys().flatten());

@@ -94,7 +94,7 @@ impl SceneCopy {
         ask_for(&self.boxes, index + 1);
     }
 
-    /// The box of an index and its flags.
+    /// The box of an index, its flags and filter data.
     pub fn snapshot(&self, index: u32) -> Option<BoxSnapshot> {
         Some(BoxSnapshot::of(self.get(index)?, index, &self.states))
     }
@@ -195,14 +195,15 @@ impl<'a> WholeScene<'a> {
         });
         let (mut filtered, mut filter_data) = (Vec::new(), Vec::new());
         for index in 0..end as u32 {
-            let Some(BoxSnapshot { b, is_on, is_static }) = snapshot(index) else { continue };
+            let Some(kept) = snapshot(index) else { continue };
+            let BoxSnapshot { b, is_on, .. } = kept;
             let (word, bit) = (index as usize / 32, 1 << (index % 32));
             all[word] |= bit;
             if in_place.is_none() {
                 boxes.push(b);
             }
             disabled[word] |= if is_on { 0 } else { bit };
-            statics[word] |= if is_static { bit } else { 0 };
+            statics[word] |= if kept.is_static() { bit } else { 0 };
             let filter_datum = filters.rules().filter_data(index);
             if filter_datum != FilterData::default() {
                 filtered.push(index);

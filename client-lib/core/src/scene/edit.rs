@@ -151,6 +151,18 @@ pub enum Step<'a> {
 }
 
 impl Step<'_> {
+    /// The indices of boxes that it names, but for those of listed pairs.
+    pub(super) const fn indices(&self) -> Option<Indices<'_>> {
+        match self {
+            Self::Remove(indices)
+            | Self::Set(Sets { indices, .. })
+            | Self::Enable(indices, _)
+            | Self::Static(indices, _)
+            | Self::FilterData(FilterDataSets { indices, .. }) => Some(*indices),
+            Self::Filters(_) | Self::Include(..) | Self::Exclude(..) => None,
+        }
+    }
+
     /// Whether it is about collision filters.
     pub const fn is_rule(&self) -> bool {
         matches!(
@@ -226,6 +238,12 @@ impl<'a> Edit<'a> {
     /// The largest index that is set, in 64 bits.
     pub(super) fn last_set(&self) -> Option<u64> {
         self.sets().filter_map(|sets| sets.indices.last()).max()
+    }
+
+    /// Whether all indices of boxes that it names are below this.
+    pub(super) fn names_below(&self, limit: u32) -> bool {
+        let last = self.last_set().max(self.last_named());
+        last.is_none_or(|last| last < u64::from(limit))
     }
 
     /// The largest index that a step names without setting it, in 64 bits.

@@ -49,9 +49,11 @@ mod margins;
 mod options;
 mod pair_list;
 mod query;
+mod replica;
 mod rules;
 pub mod shared;
 mod snapshot;
+mod snapshots;
 pub mod states;
 mod store;
 mod whole;
@@ -61,15 +63,17 @@ pub use self::copy::{SceneCopy, WholeScene};
 pub use self::draft::{Draft, Given};
 pub use self::edit::{Edit, FilterDataSets, Indices, Sets, Step};
 pub use self::error::{EditError, SceneError};
-pub use self::margins::{ExactPairs, MarginStats, Margined, MarginedSets, Margins, Outgoing, Sent};
+pub use self::margins::{ExactPairs, MarginStats, Margined, MarginedSets, Margins, Outgoing};
 pub use self::options::SceneOptions;
 pub use self::pair_list::{Sorter as PairSorter, sort_row};
 pub use self::query::{
     BeyondMask, Cast, CastTree, QueryError, QueryFilterData, QueryMask, between, cull_between,
     is_small_set, more_pairs_than,
 };
+pub use self::replica::Replica;
 pub use self::rules::{FilterHistory, FilteredBoxes, apply_rules, decide_changes};
 pub use self::snapshot::{BoxSnapshot, HistorySnapshot, SceneSnapshot};
+pub use self::snapshots::{Phase, Replicas, SnapshotId, Snapshots, Then, UnknownSnapshot};
 
 use std::sync::Arc;
 
@@ -332,7 +336,14 @@ impl Scene {
         {
             return;
         }
-        self.count_then = self.reported.pair_count;
+        self.mark_reported(self.reported.pair_count);
+    }
+
+    /// Marks the pairs of now as reported, of which there are so many: by a client that goes back to a snapshot, and
+    /// knows them.
+    pub fn mark_reported(&mut self, pair_count: u64) {
+        self.is_open = false;
+        self.count_then = pair_count;
         if !self.is_settled() || self.list_now.is_some() {
             let then = std::mem::replace(&mut self.list_then, self.list_now.clone());
             self.recycle(then);

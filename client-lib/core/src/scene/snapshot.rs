@@ -4,6 +4,7 @@ use super::copy::WholeScene;
 use super::states::{BoxStates, DISABLED};
 use super::store::Store;
 use crate::aabb::Aabb;
+use crate::filters::FilterData;
 
 /// A box that a scene keeps.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -12,8 +13,8 @@ pub struct BoxSnapshot {
     pub b: Aabb,
     /// Whether it is enabled.
     pub is_on: bool,
-    /// Whether it is static.
-    pub is_static: bool,
+    /// Its filter data, with its static flag.
+    pub filter_data: FilterData,
 }
 
 impl BoxSnapshot {
@@ -21,16 +22,25 @@ impl BoxSnapshot {
         Self {
             b,
             is_on: !states.has(index, DISABLED),
-            is_static: states.filter_data(index).is_static(),
+            filter_data: states.filter_data(index),
         }
+    }
+
+    /// Whether it is static by its own flag.
+    pub const fn is_static(&self) -> bool {
+        self.filter_data.is_static()
     }
 }
 
 impl Store {
     /// All of it, as an edit that makes it.
     pub fn whole(&self) -> WholeScene<'_> {
-        let snapshot = |index| Some(BoxSnapshot::of(self.get(index)?, index, &self.states));
-        WholeScene::of(self.boxes().len(), None, snapshot, &self.states.filters)
+        WholeScene::of(self.boxes().len(), None, |index| self.snapshot(index), &self.states.filters)
+    }
+
+    /// The box of an index, its flags and filter data.
+    pub(super) fn snapshot(&self, index: u32) -> Option<BoxSnapshot> {
+        Some(BoxSnapshot::of(self.get(index)?, index, &self.states))
     }
 }
 

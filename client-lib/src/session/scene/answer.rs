@@ -137,12 +137,17 @@ impl SceneAnswer<'_> {
     /// What the answer reports is known from now on, and not reported again.
     fn acknowledge(&mut self) {
         let count = self.pair_count();
-        let Scene { backend, margins, .. } = &mut *self.scene;
+        let Scene { backend, margins, snapshots, .. } = &mut *self.scene;
         if let Some(margins) = margins {
             margins.acknowledge(self.report, count);
         }
         if self.found.is_some() {
             backend.acknowledge(self.report);
+        }
+        if matches!(self.report, Report::Changes | Report::All)
+            && let Some(count) = count
+        {
+            snapshots.acknowledge(count);
         }
     }
 

@@ -7,7 +7,8 @@ use std::time::Duration;
 use pairmask_core::aabb::Aabb;
 use pairmask_core::scene::shared::LeaseError;
 use pairmask_core::scene::{
-    Draft, Edit, Given, MarginStats, Margined, Report, Scene as CoreScene, Sent,
+    Draft, Edit, Given, MarginStats, Margined, Replica, Replicas, Report, Scene as CoreScene,
+    Snapshots,
 };
 use pairmask_wire::LeaseAction;
 
@@ -38,6 +39,7 @@ pub struct Scene {
     pub(super) backend: SceneBackend,
     pub(super) margins: Option<Box<Margined>>,
     pub(super) draft: Draft,
+    pub(super) snapshots: Snapshots,
     /// Indices are below this.
     pub(super) index_limit: u32,
 }
@@ -50,7 +52,7 @@ pub(super) enum SceneBackend {
 }
 
 impl SceneBackend {
-    fn sent(&self) -> Sent<'_> {
+    fn sent(&self) -> Replica<'_> {
         match self {
             Self::Remote(scene) => scene.copy().into(),
             Self::Here(scene) => scene.into(),
@@ -58,10 +60,23 @@ impl SceneBackend {
     }
 
     pub fn begin(&mut self, edit: Edit<'_>, report: Report) -> Result<Awaited, Error> {
+        self.begin_reported(edit, report, None)
+    }
+
+    /// Begins an edit, whose pairs count as reported afterwards where it is said how many there are.
+    pub fn begin_reported(
+        &mut self,
+        edit: Edit<'_>,
+        report: Report,
+        reported: Option<u64>,
+    ) -> Result<Awaited, Error> {
         match self {
-            Self::Remote(scene) => scene.begin(edit, report),
+            Self::Remote(scene) => scene.begin(edit, report, reported),
             Self::Here(scene) => {
                 scene.edit(edit, report)?;
+                if let Some(pair_count) = reported {
+                    scene.mark_reported(pair_count);
+                }
                 Ok(Awaited::default())
             }
         }
@@ -97,7 +112,7 @@ impl SceneBackend {
         }
     }
 
-    fn sharing(&self) -> Option<&Sharing> {
+    pub fn sharing(&self) -> Option<&Sharing> {
         match self {
             Self::Remote(scene) => scene.sharing(),
             Self::Here(_) => None,
@@ -129,7 +144,8 @@ impl Scene {
         };
         let margined = |usual| Box::new(Margined::new(usual, pairs, index_limit, own.threads));
         let (margins, draft) = (usual.map(margined), Draft::default());
-        Ok(Self { core: Arc::clone(core), backend, margins, draft, index_limit })
+        let (core, snapshots) = (Arc::clone(core), Snapshots::default());
+        Ok(Self { core, backend, margins, draft, snapshots, index_limit })
     }
 
     /// Indices are below this.
@@ -139,6 +155,7 @@ impl Scene {
 
     /// Requests a resync: the next changes are [all pairs](super::SceneAnswer::is_resync).
     pub fn resync(&mut self) {
+        self.snapshots.resync();
         if self.margins.as_mut().is_none_or(|margins| margins.resync()) {
             match &mut self.backend {
                 SceneBackend::Remote(scene) => scene.resync(),
@@ -188,7 +205,9 @@ impl Scene {
             SceneBackend::Remote(scene) => scene.allocated_bytes().0,
             SceneBackend::Here(scene) => scene.allocated_bytes(),
         };
-        backend + self.margins.as_ref().map_or(0, |margins| margins.allocated_bytes())
+        backend
+            + self.margins.as_ref().map_or(0, |margins| margins.allocated_bytes())
+            + self.snapshots.allocated_bytes()
     }
 
     /// Bytes that the daemon keeps of it, by its last answer; 0 where it has none, and of a shared scene.
@@ -279,19 +298,25 @@ impl Scene {
         report: Report,
     ) -> Result<(Option<Report>, Awaited), Error> {
         self.settle();
-        let Self { backend, margins, draft, .. } = self;
+        let Self { backend, margins, draft, snapshots, index_limit, .. } = self;
         let all = draft.steps(given);
         let edit = Edit { steps: &all };
+        snapshots.note(edit, &replicas(backend, margins.as_deref()), *index_limit);
         let Some(margins) = margins else {
-            return Ok((Some(report), backend.begin(edit, report)?));
+            let begun = backend.begin(edit, report);
+            if is_applied(&begun) {
+                snapshots.note_applied(edit);
+            }
+            return Ok((Some(report), begun?));
         };
         let sets = draft.margined(given, margins.usual());
         let ask = margins.choose(edit, &sets, report, backend.sent())?;
         let sent = ask.map(|report| backend.begin(Edit { steps: &margins.request(&all) }, report));
-        if matches!(&sent, Some(Err(error)) if !error.is_applied()) {
-            margins.cancel(edit);
-        } else {
+        if sent.as_ref().is_none_or(is_applied) {
             margins.apply(edit, report, ask.is_some());
+            snapshots.note_applied(edit);
+        } else {
+            margins.cancel(edit);
         }
         Ok((ask, sent.transpose()?.unwrap_or_default()))
     }
@@ -307,4 +332,20 @@ impl Scene {
         }
         ended
     }
+}
+
+/// The boxes of a scene as they were set, and as they were sent.
+pub(super) fn replicas<'a>(
+    backend: &'a SceneBackend,
+    margins: Option<&'a Margined>,
+) -> Replicas<'a> {
+    match margins {
+        None => Replicas { now: backend.sent(), sent: None },
+        Some(margins) => Replicas { now: margins.now().into(), sent: Some(backend.sent()) },
+    }
+}
+
+/// Whether the scene has an edit that was begun.
+pub(super) fn is_applied<T>(begun: &Result<T, Error>) -> bool {
+    !matches!(begun, Err(error) if !error.is_applied())
 }

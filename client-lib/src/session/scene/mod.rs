@@ -12,6 +12,7 @@
 //! query     which boxes some other boxes overlap
 //! cast      which boxes rays hit, and which are nearest
 //! shift     worlds whose origin moves
+//! snapshots scenes that go back to what they were
 //! file      scenes that are saved, and loaded again
 //! ```
 
@@ -27,6 +28,7 @@ mod question;
 mod remote;
 mod sharing;
 mod shift;
+mod snapshots;
 
 pub use self::answer::SceneAnswer;
 pub use self::backend::Scene;

@@ -90,6 +90,8 @@ pub(super) struct RemoteScene {
     daemon_bytes: u64,
     /// Boxes that the edit under way names, where pairs of named boxes are needed.
     named: Vec<u32>,
+    /// Of the last edit, how many pairs count as reported after it; of one that goes back to a snapshot.
+    reported: Option<u64>,
     /// Until when a daemon that refused the scene is asked nothing.
     stays_until: Option<Instant>,
     /// The edit that the daemon works on and nobody waits for.
@@ -122,6 +124,7 @@ impl RemoteScene {
             query_estimate: Estimate::default(),
             daemon_bytes: 0,
             named: Vec::new(),
+            reported: None,
             stays_until: None,
             unread: core.unread_of_scene(),
             nothing: Reported::default(),
@@ -201,6 +204,7 @@ impl RemoteScene {
     pub fn resync(&mut self) {
         // A daemon that is asked may die before it reports pairs.
         self.resyncs_anew |= self.sharing.is_none();
+        self.reported = None;
         match &mut self.holder {
             Holder::Here(scene) => scene.resync(),
             _ => self.discards = true,
@@ -251,12 +255,19 @@ impl RemoteScene {
     }
 
     /// Checks an edit, and sends it or applies it here, once the last one is [settled](Self::settle). The caller binds
-    /// what is returned to its borrow of the scene.
-    pub fn begin(&mut self, edit: Edit<'_>, report: Report) -> Result<Awaited, Error> {
+    /// what is returned to its borrow of the scene. Where it is said how many pairs there are afterwards, these count as
+    /// reported.
+    pub fn begin(
+        &mut self,
+        edit: Edit<'_>,
+        report: Report,
+        reported: Option<u64>,
+    ) -> Result<Awaited, Error> {
         if let Some(sharing) = &self.sharing {
             sharing.allow(edit)?;
         }
         self.copy.check(edit)?;
+        self.reported = reported;
         self.named.clear();
         if report == Report::Moved && self.sharing.is_none() {
             let named = &mut self.named;
@@ -585,6 +596,7 @@ impl RemoteScene {
             revision: self.revisions,
             is_acknowledged: there.is_acknowledged,
             is_lost: self.discards,
+            reported: self.reported,
             report,
             most_boxes: self.options.most_boxes,
             engine: self.settings.engine,
@@ -643,7 +655,13 @@ impl RemoteScene {
 
     /// Applies an edit in this process, where the scene is made from the copy if need be.
     fn edit_here(&mut self, edit: Edit<'_>, report: Report) -> Result<(), Error> {
-        self.here()?.edit(edit, report).map(drop).map_err(Error::from)
+        let reported = self.reported;
+        let scene = self.here()?;
+        scene.edit(edit, report)?;
+        if let Some(pair_count) = reported {
+            scene.mark_reported(pair_count);
+        }
+        Ok(())
     }
 
     /// The scene of this process, which is made from the copy if need be.

@@ -3,7 +3,7 @@
 use pairmask_core::aabb::Aabb;
 use pairmask_core::scene::{Edit, EditError, Report, Sets, Step};
 
-use super::backend::{Scene, SceneBackend};
+use super::backend::{Scene, is_applied, replicas};
 use crate::session::error::Error;
 
 impl Scene {
@@ -41,11 +41,7 @@ impl Scene {
         let by = by.into();
         self.settle();
         let is_near = self.margins.as_ref().is_some_and(|margins| !margins.is_exact());
-        let index_end = match (&self.margins, &self.backend) {
-            (Some(margins), _) => margins.now().index_end() as u32,
-            (None, SceneBackend::Remote(remote)) => remote.copy().index_end() as u32,
-            (None, SceneBackend::Here(here)) => here.index_end(),
-        };
+        let index_end = replicas(&self.backend, self.margins.as_deref()).now.index_end();
         let (mut indices, mut boxes, mut inflated): (Vec<u32>, Vec<Aabb>, Vec<Aabb>) =
             Default::default();
         for index in 0..index_end {
@@ -64,11 +60,16 @@ impl Scene {
             return Ok(());
         }
         let set = |boxes| [Step::Set(Sets { indices: (&indices).into(), boxes })];
-        let awaited = self.backend.begin(Edit { steps: &set(&inflated) }, Report::Nothing);
-        if !matches!(&awaited, Err(error) if !error.is_applied())
-            && let Some(margins) = &mut self.margins
-        {
-            margins.shift(Edit { steps: &set(&boxes) });
+        let (sent, edit) = (set(&inflated), set(&boxes));
+        let edit = Edit { steps: &edit };
+        let Self { backend, margins, snapshots, index_limit, .. } = self;
+        snapshots.note(edit, &replicas(backend, margins.as_deref()), *index_limit);
+        let awaited = backend.begin(Edit { steps: &sent }, Report::Nothing);
+        if is_applied(&awaited) {
+            if let Some(margins) = margins {
+                margins.shift(edit);
+            }
+            snapshots.note_applied(edit);
         }
         self.end(awaited?).map(drop)
     }

@@ -139,6 +139,7 @@ impl SceneFile {
             revision: 1,
             is_acknowledged: false,
             is_lost: false,
+            reported: None,
             report: Report::Nothing,
             most_boxes,
             engine: EngineChoice::Auto,

@@ -17,6 +17,10 @@ const TAKEN: u32 = 1;
 /// all pairs.
 const LOST: u32 = 1 << 1;
 
+/// Flag of an edit: the pairs after it count as reported. How many there are say [`RequestHeader::flags`], the low half,
+/// and [`RequestHeader::iterate_threads`].
+const REPORTED: u32 = 1 << 2;
+
 /// An edit of a scene: what a client says in a header, and what a daemon has validated of one. What
 /// changes lies in the payload ([`EditLayout`](super::EditLayout)).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,6 +35,8 @@ pub struct SceneRequest {
     pub is_acknowledged: bool,
     /// Whether the client knows pairs that this scene has not reported.
     pub is_lost: bool,
+    /// Of a client that goes back to a snapshot: the pairs after the edit, so many, count as reported.
+    pub reported: Option<u64>,
     /// What is to be reported to it.
     pub report: Report,
     /// Indices are below this.
@@ -68,7 +74,10 @@ impl RequestHeader {
     /// An edit of a scene.
     pub fn edit_scene(client_token: u64, frame: u64, request: &SceneRequest) -> Self {
         let flag = |on: bool, flag: u32| if on { flag } else { 0 };
+        let reported = request.reported.unwrap_or(0);
         Self {
+            flags: reported as u32,
+            iterate_threads: (reported >> 32) as u32,
             box_count: (request.boxes.bytes / BOX_BYTES) as u32,
             engine: engine_number(request.engine),
             encoding: report_number(request.report),
@@ -78,7 +87,9 @@ impl RequestHeader {
             base: request.base,
             revision: request.revision,
             most_boxes: request.most_boxes,
-            scene_flags: flag(request.is_acknowledged, TAKEN) | flag(request.is_lost, LOST),
+            scene_flags: flag(request.is_acknowledged, TAKEN)
+                | flag(request.is_lost, LOST)
+                | flag(request.reported.is_some(), REPORTED),
             ..Self::envelope(Operation::EditScene, client_token, frame)
         }
     }
@@ -88,6 +99,9 @@ impl RequestHeader {
         Self { scene: scene.0, ..Self::envelope(Operation::EndScene, client_token, frame) }
     }
 }
+
+/// More pairs than any scene has.
+const MOST_PAIRS: u64 = 1 << 63;
 
 /// Bytes of a box in f32.
 pub(super) const BOX_BYTES: u64 = 24;
@@ -108,12 +122,20 @@ impl SceneRequest {
         if boxes.bytes != BOX_BYTES * u64::from(header.box_count) {
             return Err(Reject::Edit("boxes"));
         }
+        let is_reported = header.scene_flags & REPORTED != 0;
+        let count = u64::from(header.iterate_threads) << 32 | u64::from(header.flags);
+        // Of 2^32 boxes; sums of such numbers and of pairs that there are stay below 2^64.
+        if is_reported && count >= MOST_PAIRS {
+            return Err(Reject::Edit("reported pairs"));
+        }
+        let reported = is_reported.then_some(count);
         Ok(Self {
             scene: SceneId(header.scene),
             base: header.base,
             revision: header.revision,
             is_acknowledged: header.scene_flags & TAKEN != 0,
             is_lost: header.scene_flags & LOST != 0,
+            reported,
             report,
             most_boxes: header.most_boxes,
             engine,

@@ -34,6 +34,7 @@ pub fn request(layout: &EditLayout, most_boxes: u32) -> SceneRequest {
         revision: 7,
         is_acknowledged: true,
         is_lost: false,
+        reported: None,
         report: Report::Moved,
         most_boxes,
         engine: EngineChoice::Only(EngineName::GpuGrid),

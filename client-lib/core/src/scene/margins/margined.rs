@@ -8,7 +8,8 @@ use std::ops::Range;
 
 use super::MarginedSets;
 use super::exact::ExactPairs;
-use super::outgoing::{Outgoing, Sent};
+use super::super::replica::Replica;
+use super::outgoing::Outgoing;
 use crate::precision::Margin;
 use crate::scene::answer::{Report, Reported};
 use crate::scene::copy::SceneCopy;
@@ -154,7 +155,7 @@ impl Margined {
         edit: Edit<'_>,
         sets: &[MarginedSets<'_>],
         report: Report,
-        sent: Sent<'_>,
+        sent: Replica<'_>,
     ) -> Result<Option<Report>, EditError> {
         let Self { now, pairs, outgoing, threads, .. } = self;
         sets.iter().try_for_each(MarginedSets::check)?;
@@ -175,6 +176,18 @@ impl Margined {
             Pairs::Exact(_) if report == Report::Nothing => self.sends.then_some(report),
             Pairs::Exact(exact) => (self.sends || exact.is_behind).then_some(Report::Changes),
         })
+    }
+
+    /// Checks an edit of the boxes as they were set, which goes back to a snapshot together with what was sent.
+    /// [`apply`](Self::apply) or [`cancel`](Self::cancel) is to follow.
+    ///
+    /// # Errors
+    /// [`EditError`]; the edit is dropped then.
+    pub fn begin_restore(&mut self, edit: Edit<'_>) -> Result<(), EditError> {
+        self.now.check(edit)?;
+        self.outgoing.clear();
+        self.sends = true;
+        Ok(())
     }
 
     /// The steps of an edit that are sent.

@@ -17,7 +17,7 @@ mod rows;
 
 pub use self::exact::ExactPairs;
 pub use self::margined::{MarginStats, Margined};
-pub use self::outgoing::{Outgoing, Sent};
+pub use self::outgoing::Outgoing;
 
 use super::edit::{Indices, Sets, Step};
 use super::error::EditError;

@@ -1,9 +1,8 @@
 //! What of an edit is to be sent: boxes that have left what was sent of them.
 
-use super::super::Scene;
 use super::super::copy::SceneCopy;
 use super::super::edit::Indices;
-use super::super::store::Store;
+use super::super::replica::Replica;
 use super::fit::{fits, to_send};
 use super::{MarginedSets, Margins};
 use crate::aabb::Aabb;
@@ -15,38 +14,6 @@ use crate::team::{self, Split, in_parts, part_count};
 const TASK_BOXES: usize = 16_384;
 /// A box that is held against its margin takes so long on one thread, ns.
 const BOX_NS: f64 = 10.0;
-
-/// Boxes of a scene by index, as they were sent.
-#[derive(Clone, Copy, Debug)]
-pub struct Sent<'a>(Holder<'a>);
-
-#[derive(Clone, Copy, Debug)]
-enum Holder<'a> {
-    Copy(&'a SceneCopy),
-    Store(&'a Store),
-}
-
-impl<'a> From<&'a SceneCopy> for Sent<'a> {
-    fn from(copy: &'a SceneCopy) -> Self {
-        Self(Holder::Copy(copy))
-    }
-}
-
-impl<'a> From<&'a Scene> for Sent<'a> {
-    fn from(scene: &'a Scene) -> Self {
-        Self(Holder::Store(&scene.store))
-    }
-}
-
-impl Sent<'_> {
-    #[inline]
-    fn get(&self, index: u32) -> Option<Aabb> {
-        match self.0 {
-            Holder::Copy(copy) => copy.get(index),
-            Holder::Store(store) => store.get(index),
-        }
-    }
-}
 
 /// Boxes to send, inflated, and their indices.
 #[derive(Debug, Default)]
@@ -69,7 +36,7 @@ impl Outgoing {
         &mut self,
         sets: &MarginedSets<'_>,
         now: &SceneCopy,
-        sent: Sent<'_>,
+        sent: Replica<'_>,
         all: bool,
         threads: Option<usize>,
     ) {
@@ -138,7 +105,7 @@ impl Outgoing {
 /// How boxes are chosen.
 struct Choice<'a> {
     now: &'a SceneCopy,
-    sent: Sent<'a>,
+    sent: Replica<'a>,
     all: bool,
 }
 

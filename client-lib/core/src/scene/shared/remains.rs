@@ -214,7 +214,7 @@ mod tests {
             |index: u32| Step::Set(Sets { indices: (index..index + 1).into(), boxes: &boxes[..1] });
         let seen = |copy: &SceneCopy, index| {
             let kept = copy.snapshot(index).expect("a box");
-            (kept.is_on, kept.is_static, copy.states().filter_data(index).owner)
+            (kept.is_on, kept.is_static(), kept.filter_data.owner)
         };
         assert!(set_anew(&mut copy, &[one(2), Step::Exclude(&[[2, 5]], true)]));
         assert_eq!(seen(&copy, 2), (true, false, Owner::NONE));

@@ -175,10 +175,7 @@ impl GpuScene {
         let steps = whole.steps();
         scene.edit(Edit { steps: &steps }, Report::Nothing)?;
         match snapshot.history() {
-            HistorySnapshot::Reported(count) => {
-                scene.begin_history();
-                scene.count_then = count;
-            }
+            HistorySnapshot::Reported(count) => scene.mark_reported(count),
             // All that there is has changed since there was nothing.
             HistorySnapshot::Unreported => {}
             HistorySnapshot::Lost => {
@@ -276,7 +273,13 @@ impl GpuScene {
         {
             return;
         }
-        self.count_then = self.reported.pair_count().unwrap_or(0);
+        self.mark_reported(self.reported.pair_count().unwrap_or(0));
+    }
+
+    /// Marks the pairs of now as reported, of which there are so many.
+    pub fn mark_reported(&mut self, pair_count: u64) {
+        self.is_open = false;
+        self.count_then = pair_count;
         self.begin_history();
     }
 

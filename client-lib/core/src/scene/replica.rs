@@ -1,0 +1,62 @@
+//! A scene's boxes by index, whichever keeps them: a scene, or the copy of its client.
+
+use super::Scene;
+use super::copy::SceneCopy;
+use super::snapshot::BoxSnapshot;
+use super::states::BoxStates;
+use super::store::Store;
+use crate::aabb::Aabb;
+
+/// The boxes of a scene by index, to be read.
+#[derive(Clone, Copy, Debug)]
+pub struct Replica<'a>(Holder<'a>);
+
+#[derive(Clone, Copy, Debug)]
+enum Holder<'a> {
+    Copy(&'a SceneCopy),
+    Store(&'a Store),
+}
+
+impl<'a> From<&'a SceneCopy> for Replica<'a> {
+    fn from(copy: &'a SceneCopy) -> Self {
+        Self(Holder::Copy(copy))
+    }
+}
+
+impl<'a> From<&'a Scene> for Replica<'a> {
+    fn from(scene: &'a Scene) -> Self {
+        Self(Holder::Store(&scene.store))
+    }
+}
+
+impl<'a> Replica<'a> {
+    /// The box of an index, also one that is disabled.
+    #[inline]
+    pub fn get(&self, index: u32) -> Option<Aabb> {
+        match self.0 {
+            Holder::Copy(copy) => copy.get(index),
+            Holder::Store(store) => store.get(index),
+        }
+    }
+
+    /// The box of an index, its flags and filter data.
+    pub(super) fn snapshot(&self, index: u32) -> Option<BoxSnapshot> {
+        match self.0 {
+            Holder::Copy(copy) => copy.snapshot(index),
+            Holder::Store(store) => store.snapshot(index),
+        }
+    }
+
+    /// What is known of each index beside its box.
+    pub(super) const fn states(&self) -> &'a BoxStates {
+        match self.0 {
+            Holder::Copy(copy) => copy.states(),
+            Holder::Store(store) => &store.states,
+        }
+    }
+
+    /// Indices with a box are below this.
+    pub fn index_end(&self) -> u32 {
+        self.states().index_end() as u32
+    }
+}

@@ -1,0 +1,310 @@
+//! The way back to a snapshot: phases, each an edit and what follows.
+
+use std::collections::{HashMap, HashSet};
+
+use super::super::edit::{FilterDataSets, Indices, Sets, Step};
+use super::super::pair_list::Pair;
+use super::super::snapshot::{BoxSnapshot, HistorySnapshot};
+use super::super::store::are_same;
+use super::log::{BoxRecord, Delta};
+use super::{History, Replicas, SnapshotId, Snapshots, UnknownSnapshot};
+use crate::aabb::Aabb;
+use crate::filters::{FilterData, FilterTable, Listed, Rules};
+
+/// How often the box of an index was removed while there were snapshots: by numbers that never come again, so that one
+/// that was gone back to differs from those that followed.
+#[derive(Debug, Default)]
+pub(super) struct Incarnations {
+    of: Vec<u32>,
+    last: u32,
+}
+
+impl Incarnations {
+    pub fn of(&self, index: u32) -> u32 {
+        self.of.get(index as usize).copied().unwrap_or(0)
+    }
+
+    fn set(&mut self, index: u32, incarnation: u32) {
+        if self.of(index) != incarnation {
+            self.of.resize(self.of.len().max(index as usize + 1), 0);
+            self.of[index as usize] = incarnation;
+        }
+    }
+
+    pub fn renew(&mut self, index: u32) {
+        self.last = self.last.wrapping_add(1);
+        self.set(index, self.last);
+    }
+
+    pub const fn allocated_bytes(&self) -> usize {
+        self.of.capacity() * size_of::<u32>()
+    }
+}
+
+impl Replicas<'_> {
+    pub(super) fn rules(&self) -> &Rules {
+        self.now.states().filters.rules()
+    }
+}
+
+/// What follows a phase's edit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Then {
+    /// Nothing: what has changed is to be reported.
+    Nothing,
+    /// The pairs of now count as reported, so many.
+    MarkReported(u64),
+    /// The next changes are a resync.
+    Resync,
+}
+
+/// A phase of the way back: an edit, and what follows.
+#[derive(Debug, Default)]
+pub struct Phase {
+    then: Option<Then>,
+    /// The boxes that it leads to.
+    target: Delta,
+    /// Whether it is the last one.
+    is_last: bool,
+    removed: Vec<u32>,
+    set: Boxes,
+    sent: Option<Boxes>,
+    enabled: [Vec<u32>; 2],
+    made_static: [Vec<u32>; 2],
+    filtered: Vec<u32>,
+    filter_data: Vec<FilterData>,
+    table: Option<FilterTable>,
+    included: [Vec<Pair>; 2],
+    excluded: [Vec<Pair>; 2],
+}
+
+#[derive(Debug, Default)]
+struct Boxes {
+    indices: Vec<u32>,
+    boxes: Vec<Aabb>,
+}
+
+impl Boxes {
+    fn push(&mut self, index: u32, b: Aabb) {
+        self.indices.push(index);
+        self.boxes.push(b);
+    }
+}
+
+impl Phase {
+    /// What follows the edit.
+    pub fn then(&self) -> Then {
+        self.then.unwrap_or(Then::Nothing)
+    }
+
+    /// The edit of the boxes as they were set.
+    pub fn steps(&self) -> Vec<Step<'_>> {
+        self.steps_of(&self.set)
+    }
+
+    /// The edit of the boxes as they were sent.
+    pub fn sent_steps(&self) -> Vec<Step<'_>> {
+        self.steps_of(self.sent.as_ref().unwrap_or(&self.set))
+    }
+
+    fn steps_of<'a>(&'a self, set: &'a Boxes) -> Vec<Step<'a>> {
+        let list = |list: &'a Vec<u32>| Indices::List(list);
+        let mut steps = vec![
+            Step::Remove(list(&self.removed)),
+            Step::Set(Sets { indices: list(&set.indices), boxes: &set.boxes }),
+        ];
+        for on in [false, true] {
+            steps.push(Step::Enable(list(&self.enabled[usize::from(on)]), on));
+            steps.push(Step::Static(list(&self.made_static[usize::from(on)]), on));
+        }
+        let (indices, filter_data) = (list(&self.filtered), &self.filter_data[..]);
+        steps.push(Step::FilterData(FilterDataSets { indices, filter_data }));
+        steps.extend(self.table.as_ref().map(Step::Filters));
+        for on in [false, true] {
+            steps.push(Step::Include(&self.included[usize::from(on)], on));
+            steps.push(Step::Exclude(&self.excluded[usize::from(on)], on));
+        }
+        steps.retain(|step| match step {
+            Step::Include(pairs, _) | Step::Exclude(pairs, _) => !pairs.is_empty(),
+            step => step.indices().is_none_or(|indices| !indices.is_empty()),
+        });
+        steps
+    }
+
+    /// From the boxes as they are to a target. Where `renews`, boxes that are others of the same index are removed
+    /// first, so that their pairs end and begin.
+    fn to(
+        target: Delta,
+        replicas: &Replicas<'_>,
+        incarnations: &Incarnations,
+        renews: bool,
+    ) -> Self {
+        let mut phase = Self { sent: replicas.sent.map(|_| Boxes::default()), ..Self::default() };
+        for &(index, record) in &target.boxes {
+            let is = replicas.now.snapshot(index);
+            let Some(record) = record else {
+                phase.removed.extend(is.map(|_| index));
+                continue;
+            };
+            let is_another = renews && incarnations.of(index) != record.incarnation;
+            let stays = is.filter(|_| !is_another);
+            if is.is_some() && is_another {
+                phase.removed.push(index);
+            }
+            let sent = replicas.sent.and_then(|sent| sent.get(index)).filter(|_| stays.is_some());
+            phase.change(index, &record, stays, sent);
+        }
+        phase.change_rules(&target, replicas.rules());
+        phase.target = target;
+        phase
+    }
+
+    /// Makes the box of an index what is recorded. `stays` is the one that it has, unless that is removed.
+    fn change(
+        &mut self,
+        index: u32,
+        record: &BoxRecord,
+        stays: Option<BoxSnapshot>,
+        sent_stays: Option<Aabb>,
+    ) {
+        let BoxSnapshot { b, is_on, filter_data } = record.set;
+        if stays.is_none_or(|is| !are_same(&is.b, &b)) {
+            self.set.push(index, b);
+        }
+        if let Some(sent) = &mut self.sent
+            && sent_stays.is_none_or(|is| !are_same(&is, &record.sent))
+        {
+            sent.push(index, record.sent);
+        }
+        let inserted = BoxSnapshot { b, is_on: true, filter_data: FilterData::default() };
+        let is = stays.unwrap_or(inserted);
+        if is.is_on != is_on {
+            self.enabled[usize::from(is_on)].push(index);
+        }
+        if is.is_static() != record.set.is_static() {
+            self.made_static[usize::from(record.set.is_static())].push(index);
+        }
+        // Static flags have a step of their own.
+        if is.filter_data.with_static(false) != filter_data.with_static(false) {
+            self.filtered.push(index);
+            self.filter_data.push(filter_data);
+        }
+    }
+
+    fn change_rules(&mut self, target: &Delta, rules: &Rules) {
+        self.table = target.table.clone().filter(|table| *table != rules.table);
+        let removed: HashSet<u32> = self.removed.iter().copied().collect();
+        // Entries end with the boxes that are removed, also those of the target.
+        let mut listed: HashMap<Pair, Listed> = rules.lists.naming(&self.removed).collect();
+        listed.extend(&target.listed);
+        let mut listed: Vec<(Pair, Listed)> = listed.into_iter().collect();
+        listed.sort_unstable_by_key(|(pair, _)| *pair);
+        for (pair, to) in listed {
+            let ends = pair.iter().any(|index| removed.contains(index));
+            let is = if ends { Listed::default() } else { rules.lists.listed(pair[0], pair[1]) };
+            if is.is_included != to.is_included {
+                self.included[usize::from(to.is_included)].push(pair);
+            }
+            if is.is_excluded != to.is_excluded {
+                self.excluded[usize::from(to.is_excluded)].push(pair);
+            }
+        }
+    }
+}
+
+impl Snapshots {
+    /// Begins to go back to a snapshot: the phases are [asked for](Self::next_phase) one by one.
+    ///
+    /// # Errors
+    /// [`UnknownSnapshot`].
+    pub fn begin_restore(
+        &mut self,
+        id: SnapshotId,
+        replicas: &Replicas<'_>,
+    ) -> Result<(), UnknownSnapshot> {
+        if !self.nodes.get(&id).is_some_and(|node| node.history.is_some()) {
+            return Err(UnknownSnapshot { id });
+        }
+        let mut way = vec![id];
+        while let Some(next) = way.last().and_then(|id| self.nodes.get(id)?.next) {
+            way.push(next);
+        }
+        // From the end: each becomes the next one of the one that was its next.
+        for pair in way.windows(2).rev() {
+            let [here, later] = [pair[0], pair[1]];
+            let Some(node) = self.nodes.get_mut(&here) else { continue };
+            let ahead = std::mem::take(&mut node.before);
+            (node.next, self.head) = (None, Some(here));
+            node.previous.push(later);
+            let before = self.log.override_by(&ahead, replicas, &self.incarnations);
+            if let Some(node) = self.nodes.get_mut(&later) {
+                (node.before, node.next) = (before, Some(here));
+                node.previous.retain(|previous| *previous != here);
+            }
+            self.let_go(later);
+        }
+        Ok(())
+    }
+
+    /// The next phase, after [`begin_restore`](Self::begin_restore) or a phase that was [done](Self::end_phase); `None`
+    /// after the last one.
+    fn phase_to(&self, replicas: &Replicas<'_>, is_first: bool) -> Phase {
+        let history = self.head.and_then(|head| self.nodes.get(&head)?.history.as_ref());
+        let to = |target: Delta, then, renews, is_last| {
+            let phase = Phase::to(target, replicas, &self.incarnations, renews);
+            Phase { then: Some(then), is_last, ..phase }
+        };
+        let here = || self.log.delta().clone();
+        match (history, is_first) {
+            (Some(History::Reported(count, since)), true) => {
+                let target = since.clone().then(here());
+                to(target, Then::MarkReported(*count), false, since.is_empty())
+            }
+            (Some(History::Unreported), true) if self.history != HistorySnapshot::Unreported => {
+                let all = (0..replicas.now.index_end()).map(|index| (index, None));
+                let target = Delta { boxes: all.collect(), ..Delta::default() };
+                to(target, Then::MarkReported(0), false, false)
+            }
+            (Some(History::Unreported) | None, true) => to(here(), Then::Nothing, true, true),
+            (Some(History::Lost), true) => to(here(), Then::Resync, false, true),
+            (_, false) => to(here(), Then::Nothing, true, true),
+        }
+    }
+
+    /// The phases of the way back that was [begun](Self::begin_restore): the first one, or the one after another.
+    pub fn next_phase(&self, replicas: &Replicas<'_>, last: Option<&Phase>) -> Option<Phase> {
+        match last {
+            Some(phase) if phase.is_last => None,
+            last => Some(self.phase_to(replicas, last.is_none())),
+        }
+    }
+
+    /// Notes that the edit of a phase was applied, which was [noted](Self::note) before.
+    pub fn end_phase(&mut self, phase: &Phase) {
+        for (index, record) in &phase.target.boxes {
+            match record {
+                Some(record) => self.incarnations.set(*index, record.incarnation),
+                None => self.incarnations.renew(*index),
+            }
+        }
+        match phase.then() {
+            Then::MarkReported(count) => self.acknowledge(count),
+            Then::Resync => self.resync(),
+            Then::Nothing => {}
+        }
+        if !phase.is_last {
+            return;
+        }
+        self.log.clear();
+        let history = self.head.and_then(|head| self.nodes.get(&head)?.history.as_ref());
+        let since = match history {
+            Some(History::Reported(_, since)) => since.clone(),
+            _ => Delta::default(),
+        };
+        self.has_changed = !since.is_empty();
+        self.since.put(since);
+        if matches!(history, Some(History::Unreported)) {
+            self.history = HistorySnapshot::Unreported;
+        }
+    }
+}
