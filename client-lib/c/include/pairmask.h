@@ -93,6 +93,7 @@ typedef enum {
   PM_ERR_BOUNDS = 80, // Bounds that are empty or not finite.
   PM_ERR_INEXACT_SHIFT = 81, // A scene is to be moved to where float does not hold its boxes.
   PM_ERR_SCENE_FILE = 82, // A file of a scene cannot be written or read, or is none of this version.
+  PM_ERR_SNAPSHOT = 83, // The scene has no such snapshot, or is shared and has none.
 
   PM_ERR_SCENE_NAME = 90, // No name of a shared scene.
   PM_ERR_IN_PROCESS = 91, // The session answers in process, where there is no shared scene.
@@ -671,6 +672,21 @@ pm_code pm_session_load_scene(pm_session session, const pm_scene_options *option
 // every coordinate afterwards, PM_ERR_INEXACT_SHIFT, and the scene is what it was. An edit that is being written is
 // discarded, and the scene's answer ends.
 pm_code pm_scene_shift_origin(pm_scene scene, const float *by);
+
+// Takes a snapshot of a scene: boxes, flags, filters, pair lists and what was reported. `snapshot` is set to its number,
+// which is not 0. From then on each edit copies what it changes, once a snapshot, until that is forgotten or the scene
+// dropped. Where changes are yet to be reported when the only snapshot is taken, the next changes are a resync. A shared
+// scene has none: PM_ERR_SNAPSHOT. For this and the next two calls, an edit that is being written is discarded, and the
+// scene's answer ends.
+pm_code pm_scene_take_snapshot(pm_scene scene, uint64_t *snapshot);
+
+// Goes back to a snapshot, or forward to a later one: the same edits have the same answers again, to the byte. No pair is
+// reported for this; the program goes back too. All snapshots are kept. PM_ERR_SNAPSHOT, where there is none of this
+// number.
+pm_code pm_scene_restore(pm_scene scene, uint64_t snapshot);
+
+// Forgets a snapshot. PM_ERR_SNAPSHOT, where there is none of this number.
+pm_code pm_scene_forget_snapshot(pm_scene scene, uint64_t snapshot);
 
 // Asks which boxes of a scene some other boxes overlap. `filter_data` is null, so that boxes of all worlds are found,
 // or one for all queries, or one for each: then only what may meet such filter data is found. `found` is set to pairs

@@ -379,8 +379,7 @@ private:
 // A persistent scene: edits go in, changes of pairs come out. What is set and so on is the edit that
 // commit() sends; arrays are read where they lie until it is answered. An answer is acknowledged by being
 // waited for, and lives until the next call that writes or sends an edit, or that asks the scene something:
-// query(), cast(), nearest(), shift_origin(), save(), resync(), or
-// a lease.
+// query(), cast(), nearest(), shift_origin(), snapshot(), restore(), forget_snapshot(), save(), resync(), or a lease.
 class Scene : public detail::Handle<pm_scene, pm_scene_drop> {
 public:
   using Handle::Handle;
@@ -447,6 +446,20 @@ public:
   Result<Done> shift_origin(float x, float y, float z) {
     const float by[3] = {x, y, z};
     return detail::done(pm_scene_shift_origin(get(), by));
+  }
+  // Takes a snapshot, and returns its number: pm_scene_take_snapshot.
+  Result<std::uint64_t> snapshot() {
+    std::uint64_t taken = 0;
+    const pm_code code = pm_scene_take_snapshot(get(), &taken);
+    return detail::made<std::uint64_t>(code, taken);
+  }
+  // Goes back to a snapshot: pm_scene_restore.
+  Result<Done> restore(std::uint64_t snapshot) {
+    return detail::done(pm_scene_restore(get(), snapshot));
+  }
+  // Forgets a snapshot: pm_scene_forget_snapshot.
+  Result<Done> forget_snapshot(std::uint64_t snapshot) {
+    return detail::done(pm_scene_forget_snapshot(get(), snapshot));
   }
   // The boxes that rays hit, by ray, by distance, and then by index: pm_scene_cast. What is found lives until the next
   // cast() or nearest().

@@ -43,6 +43,7 @@ pub enum pm_code {
     PM_ERR_BOUNDS = 80,
     PM_ERR_INEXACT_SHIFT = 81,
     PM_ERR_SCENE_FILE = 82,
+    PM_ERR_SNAPSHOT = 83,
     PM_ERR_SCENE_NAME = 90,
     PM_ERR_IN_PROCESS = 91,
     PM_ERR_TERMS_DIFFER = 93,

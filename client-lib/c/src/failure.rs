@@ -96,6 +96,7 @@ const fn of_error(error: &Error) -> pm_code {
         Error::FirstSet { .. } => PM_ERR_FIRST_SET,
         Error::Edit(error) => of_edit(error),
         Error::SceneFile(_) => PM_ERR_SCENE_FILE,
+        Error::Snapshot(_) | Error::SharedSnapshot => PM_ERR_SNAPSHOT,
         Error::Query(QueryError::FilterData { .. }) => PM_ERR_QUERY_FILTER_DATA,
         Error::Query(QueryError::Cull(_)) | Error::Cull(_) => PM_ERR_CULL,
         Error::TooManyQueries { .. } => PM_ERR_TOO_MANY_QUERIES,

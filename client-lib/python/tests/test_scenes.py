@@ -182,6 +182,23 @@ def test_origins_that_shift(session: pairmask.Session) -> None:
         scene.shift_origin([1e9, 0, 0])
 
 
+def test_snapshots(session: pairmask.Session) -> None:
+    boxes = oracle.boxes_of(300, 5)
+    scene = session.scene()
+    scene.edit().set(range(300), boxes).commit()
+    before = scene.snapshot()
+    moved = oracle.boxes_of(300, 6)
+    first = scene.edit().set(range(300), moved).commit()
+    begun, ended = first.begun.tolist(), first.ended.tolist()
+    assert begun and ended
+    scene.restore(before)
+    again = scene.edit().set(range(300), moved).commit()
+    assert (again.begun.tolist(), again.ended.tolist()) == (begun, ended)
+    scene.forget_snapshot(before)
+    with pytest.raises(pairmask.PairmaskError, match="no snapshot"):
+        scene.restore(before)
+
+
 def test_saved_scenes(session: pairmask.Session, tmp_path: Path) -> None:
     boxes = oracle.boxes_of(300, 5)
     scene = session.scene()

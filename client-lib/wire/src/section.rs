@@ -90,6 +90,8 @@ pub enum SectionKind {
     Rays = 27,
     /// Hits: query u32, index u32, distance f32.
     Hits = 28,
+    /// User data of boxes of a shared scene: index u32, user data u64, without alignment.
+    UserData = 29,
 }
 
 impl SectionKind {

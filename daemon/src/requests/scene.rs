@@ -1,6 +1,5 @@
 //! Requests that change a scene.
 
-use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -10,7 +9,8 @@ use pairmask_core::plan::Calibration;
 use pairmask_core::scene::{Edit, Reported, SceneError, SceneOptions};
 use pairmask_core::{EngineChoice, EngineName};
 use pairmask_wire::{
-    EditScratch, ReplyFields, SceneAnswerLayout, SceneId, SceneRequest, TickMarks, response_scene,
+    EditScratch, ReplyFields, SceneAnswerLayout, SceneId, SceneRequest, TickMarks, TickNotes,
+    response_scene,
     response_scene_ended,
 };
 
@@ -231,23 +231,23 @@ pub(super) struct EditAnswer {
 }
 
 impl EditAnswer {
-    /// Answers with what is reported, and with a tick: its number, and the leases that were late.
+    /// Answers with what is reported, and with what a tick has beside that.
     pub fn send(
         &self,
         open: &mut OpenRequest,
         reported: &Reported,
-        tick: Option<(u64, &[Range<u32>])>,
+        tick: Option<TickNotes<'_>>,
         outbox: &Outbox,
     ) -> Result<(), Refusal> {
         let publish = Instant::now();
         let layout = SceneAnswerLayout::of(reported);
-        let marks = tick.map(|(number, late)| (TickMarks::after(&layout, number, late), late));
+        let marks = tick.map(|notes| (TickMarks::after(&layout, &notes), notes));
         let words = marks.as_ref().map_or(layout.words(), |(marks, _)| marks.words());
         let (_, mut reply) = open.parts();
         let words = reply.reserve(words).map_err(CullError::from)?;
         layout.write(reported, words);
-        if let Some((marks, late)) = &marks {
-            marks.write(late, words);
+        if let Some((marks, notes)) = &marks {
+            marks.write(notes, words);
         }
         let times = StageTimes {
             publish_ns: publish.elapsed().as_nanos() as u64,

@@ -7,6 +7,7 @@ use pairmask_core::Aabb;
 use pairmask_core::filters::{FilterData, FilterId, Owner, World};
 use pairmask_core::scene::QueryFilterData;
 
+use super::generate::MEMBERS;
 use super::model::{Listener, Model, Received};
 use super::script::{AtEnd, Event, Fate, HOST, Pair, Scope, Script, Turn};
 use crate::queried::a_query;
@@ -38,6 +39,11 @@ pub trait Subject {
 
     fn leave(&mut self, _member: u32) {}
 
+    /// The user data of an index, as a member knows it, where the subject is asked that.
+    fn user_data(&self, _member: u32, _index: u32) -> Option<u64> {
+        None
+    }
+
     /// Whether any changes may come as a resync, as where daemons are killed.
     fn may_resync(&self) -> bool {
         false
@@ -57,6 +63,9 @@ pub trait Subject {
         None
     }
 }
+
+/// Indices whose user data are compared.
+const MOST_MARKED: u32 = 200;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Failure {
@@ -117,6 +126,7 @@ struct Play {
     listeners: BTreeMap<u32, Listener>,
     memberships: u64,
     snapshots: BTreeMap<u32, (Model, Listener)>,
+    went_back: bool,
     seen: Seen,
 }
 
@@ -176,7 +186,9 @@ impl Play {
                 let (model, listener) = self.snapshots[number].clone();
                 self.model = model;
                 self.listeners.insert(HOST, listener);
+                self.went_back = true;
                 subject.restore(*number).map_err(|error| ("refused", error))?;
+                self.check_user_data(script, subject)?;
                 self.check_count(subject)
             }
             Event::Forget(number) => {
@@ -195,9 +207,30 @@ impl Play {
                 let mut ticks = by_tick.into_values();
                 let is_shared = script.shared.is_some();
                 ticks.try_for_each(|turns| self.tick(turns, is_shared, may_resync, by_reading))?;
+                self.check_user_data(script, subject)?;
                 self.check_count(subject)
             }
         }
+    }
+
+    /// What the host knows, which receives the answer of each tick.
+    fn check_user_data(
+        &self,
+        script: &Script,
+        subject: &dyn Subject,
+    ) -> Result<(), (&'static str, String)> {
+        let end = script.own(MEMBERS).start.max(script.limit).min(MOST_MARKED);
+        for index in 0..end {
+            // Snapshots have the user data of boxes alone.
+            if self.went_back && !self.model.has(index) {
+                continue;
+            }
+            let expected = self.model.user_data(index);
+            if let Some(found) = subject.user_data(HOST, index).filter(|found| *found != expected) {
+                return Err(("user data", format!("{found} for {expected} of {index}")));
+            }
+        }
+        Ok(())
     }
 
     fn check_count(&self, subject: &dyn Subject) -> Result<(), (&'static str, String)> {

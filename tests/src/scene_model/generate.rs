@@ -25,7 +25,7 @@ pub enum Kind {
     Shared,
 }
 
-const VERBS: usize = 8;
+const VERBS: usize = 9;
 pub(super) const MEMBERS: u32 = 3;
 
 struct Maker {
@@ -122,6 +122,7 @@ const FILTER_DATUM: usize = 4;
 const FILTERS: usize = 5;
 const LISTS: usize = 6;
 const RENEW: usize = 7;
+const USER_DATA: usize = 8;
 
 impl Maker {
     fn new(kind: Kind, seed: u64, limit: Option<u32>) -> Self {
@@ -304,6 +305,10 @@ impl Maker {
                     let on = !self.one_in(4);
                     ops.push(list(pair, on));
                 }
+                USER_DATA => {
+                    let user_data = [0, u64::from(self.below(3)), u64::MAX - 7];
+                    ops.push(Op::UserData(index, self.one_of(&user_data)));
+                }
                 RENEW => {
                     ops.push(Op::Remove(index));
                     let b = self.a_box();
@@ -357,6 +362,7 @@ fn move_by(op: &mut Op, by: u32) {
         | Op::Set(index, _)
         | Op::Enable(index, _)
         | Op::Static(index, _)
+        | Op::UserData(index, _)
         | Op::FilterData(index, _) => *index += by,
         Op::Include(pair, _) | Op::Exclude(pair, _) => pair.iter_mut().for_each(|i| *i += by),
         Op::Filters(_) => {}

@@ -3,7 +3,7 @@
 use pairmask::{Margin, SceneEdit};
 use pairmask_core::Aabb;
 use pairmask_core::filters::{FilterData, FilterTable};
-use pairmask_core::scene::{FilterDataSets, Indices, Sets, Step};
+use pairmask_core::scene::{FilterDataSets, Indices, Sets, Step, UserData, UserDataSets};
 
 use super::script::{Op, Pair};
 use crate::stress_scenes::Rng;
@@ -16,6 +16,7 @@ struct Group {
     words: Vec<u32>,
     boxes: Vec<Aabb>,
     filter_data: Vec<FilterData>,
+    user_data: Vec<UserData>,
     pairs: Vec<Pair>,
     table: FilterTable,
 }
@@ -34,6 +35,7 @@ impl Group {
             match op {
                 Op::Set(_, b) => group.boxes.push(*b),
                 Op::FilterData(_, filter_data) => group.filter_data.push(*filter_data),
+                Op::UserData(_, user_data) => group.user_data.push((*user_data).into()),
                 _ => {}
             }
         }
@@ -70,6 +72,10 @@ impl Group {
             Op::FilterData(..) => Step::FilterData(FilterDataSets {
                 indices: self.named(),
                 filter_data: &self.filter_data,
+            }),
+            Op::UserData(..) => Step::UserData(UserDataSets {
+                indices: self.named(),
+                user_data: &self.user_data,
             }),
             Op::Filters(_) => Step::Filters(&self.table),
             Op::Include(_, on) => Step::Include(&self.pairs, *on),

@@ -44,6 +44,8 @@ pub struct SharedMembers<'s> {
     engine: Option<EngineName>,
     ticks: usize,
     asked: usize,
+    /// Members that received the answer of the last tick.
+    received: BTreeSet<u32>,
 }
 
 impl<'s> SharedMembers<'s> {
@@ -55,7 +57,8 @@ impl<'s> SharedMembers<'s> {
             .with_tick_deadline(TICK_DEADLINE)
             .with_at_end(script.shared.unwrap_or_default());
         let name = format!("model-{}", sessions.scenes.get());
-        Self { sessions, name, options, members: BTreeMap::new(), engine, ticks: 0, asked: 0 }
+        let (members, received) = Default::default();
+        Self { sessions, name, options, members, engine, ticks: 0, asked: 0, received }
     }
 }
 
@@ -104,6 +107,11 @@ impl Subject for SharedMembers<'_> {
         let reported =
             turns.iter().map(|turn| reported.remove(&turn.member).ok_or("a second turn"));
         let reported = reported.collect::<Result<Vec<_>, _>>()?;
+        let last = reported.iter().map(|(tick, _)| *tick).max();
+        let are_last = turns.iter().zip(&reported);
+        let are_last =
+            are_last.filter(|(_, (tick, received))| Some(*tick) == last && received.is_some());
+        self.received = are_last.map(|(turn, _)| turn.member).collect();
         for (tick, late) in late {
             let is_late = |member: &u32| !committed[&tick].contains(member);
             let expected: Vec<Range<u32>> =
@@ -141,6 +149,12 @@ impl Subject for SharedMembers<'_> {
         let (scene, _) = self.members.values_mut().nth(asks)?;
         let found = scene.query_filtered(queries, filter_data);
         Some(found.map(|found| found.to_vec()).map_err(|error| error.to_string()))
+    }
+
+    fn user_data(&self, member: u32, index: u32) -> Option<u64> {
+        let (scene, own) = self.members.get(&member)?;
+        // Of others it knows what the last answer knew, which it may not have received.
+        (self.received.contains(&member) || own.contains(&index)).then(|| scene.user_data(index))
     }
 
     fn leave(&mut self, member: u32) {

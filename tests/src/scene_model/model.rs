@@ -32,6 +32,8 @@ struct Body {
 pub struct Model {
     bodies: BTreeMap<u32, Body>,
     generations: BTreeMap<u32, u32>,
+    /// By index: that of a removed box stays until another has its index.
+    user_data: BTreeMap<u32, u64>,
     filters: Vec<Filter>,
     /// Listed pairs, each with the membership that has listed it.
     included: BTreeMap<Pair, u64>,
@@ -52,14 +54,20 @@ impl Model {
     pub fn apply(&mut self, holder: u64, ops: &[Op]) -> BTreeSet<u32> {
         let mut named = BTreeSet::new();
         for op in (0..4).flat_map(|rank| ops.iter().filter(move |op| op.rank() == rank)) {
-            named.extend(op.indices());
+            if !matches!(op, Op::UserData(..)) {
+                named.extend(op.indices());
+            }
             match op {
                 Op::Remove(index) => self.remove(*index),
                 Op::Set(index, b) => {
                     let filter_data = FilterData::default();
                     let fresh = Body { b: *b, is_on: true, is_static: false, filter_data, holder };
+                    let is_new = !self.bodies.contains_key(index);
                     let body = self.bodies.entry(*index).or_insert(fresh);
                     let is_own = body.holder == holder;
+                    if is_new || !is_own {
+                        self.user_data.remove(index);
+                    }
                     *body = if is_own { Body { b: *b, ..*body } } else { fresh };
                     if !is_own {
                         // A box that a member has left is that of who sets it next, and as that one says.
@@ -70,6 +78,9 @@ impl Model {
                 Op::Static(index, on) => self.with(*index, |body| body.is_static = *on),
                 Op::FilterData(index, filter_data) => {
                     self.with(*index, |body| body.filter_data = *filter_data);
+                }
+                Op::UserData(index, user_data) => {
+                    self.user_data.insert(*index, *user_data);
                 }
                 Op::Filters(filters) => {
                     let before = std::mem::replace(&mut self.filters, filters.clone());
@@ -192,6 +203,14 @@ impl Model {
             boxes.push(b);
         }
         boxes
+    }
+
+    pub fn has(&self, index: u32) -> bool {
+        self.bodies.contains_key(&index)
+    }
+
+    pub fn user_data(&self, index: u32) -> u64 {
+        self.user_data.get(&index).copied().unwrap_or(0)
     }
 
     pub fn boxes(&self) -> impl Iterator<Item = Aabb> {

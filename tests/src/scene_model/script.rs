@@ -21,6 +21,7 @@ pub enum Op {
     Enable(u32, bool),
     Static(u32, bool),
     FilterData(u32, FilterData),
+    UserData(u32, u64),
     Filters(Vec<Filter>),
     Include(Pair, bool),
     Exclude(Pair, bool),
@@ -32,12 +33,16 @@ impl Op {
             Self::Remove(_) => 0,
             Self::Set(..) => 1,
             Self::Enable(..) | Self::Static(..) => 2,
-            Self::FilterData(..) | Self::Filters(_) | Self::Include(..) | Self::Exclude(..) => 3,
+            Self::FilterData(..)
+            | Self::UserData(..)
+            | Self::Filters(_)
+            | Self::Include(..)
+            | Self::Exclude(..) => 3,
         }
     }
 
     pub const fn is_rule(&self) -> bool {
-        self.rank() == 3
+        self.rank() == 3 && !matches!(self, Self::UserData(..))
     }
 
     pub fn indices(&self) -> &[u32] {
@@ -46,6 +51,7 @@ impl Op {
             | Self::Set(index, _)
             | Self::Enable(index, _)
             | Self::Static(index, _)
+            | Self::UserData(index, _)
             | Self::FilterData(index, _) => std::slice::from_ref(index),
             Self::Include(pair, _) | Self::Exclude(pair, _) => pair,
             Self::Filters(_) => &[],
@@ -205,9 +211,10 @@ pub(super) fn repair_edit(
     ops.retain(|op| !matches!(op, Op::Set(index, _) if !set.insert(*index)));
     present.extend(set);
     ops.retain(|op| match op {
-        Op::Enable(index, _) | Op::Static(index, _) | Op::FilterData(index, _) => {
-            present.contains(index)
-        }
+        Op::Enable(index, _)
+        | Op::Static(index, _)
+        | Op::FilterData(index, _)
+        | Op::UserData(index, _) => present.contains(index),
         Op::Include([a, b], _) | Op::Exclude([a, b], _) => a != b,
         Op::Remove(_) | Op::Set(..) | Op::Filters(_) => true,
     });

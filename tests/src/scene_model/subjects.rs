@@ -284,6 +284,10 @@ impl Subject for SessionScene<'_> {
         taken.map_or(Ok(()), |before| self.forget_id(before))
     }
 
+    fn user_data(&self, _: u32, index: u32) -> Option<u64> {
+        Some(self.scene.user_data(index))
+    }
+
     fn may_resync(&self) -> bool {
         self.may_resync
     }

@@ -22,7 +22,7 @@ use std::ops::Range;
 
 use bytemuck::cast;
 use pairmask::cast::Hit;
-use pairmask::{Margin, SceneOptions};
+use pairmask::{Margin, SceneOptions, SnapshotId};
 
 use self::answer::Lists;
 use self::edited::{Edited, State};
@@ -164,6 +164,21 @@ pub extern "C" fn pm_scene_shift_origin(scene: pm_scene, by: In<f32>) -> pm_code
         let &[x, y, z] = by.array(3)? else { return Err(Failure::argument("three numbers")) };
         Ok(edited.scene.shift_origin([x, y, z])?)
     })
+}
+
+#[unsafe(no_mangle)]
+pub extern "C" fn pm_scene_take_snapshot(scene: pm_scene, snapshot: Out<u64>) -> pm_code {
+    snapshot.give(|| scene.with(|scene| Ok(scene.state.end()?.scene.snapshot()?.number())))
+}
+
+#[unsafe(no_mangle)]
+pub extern "C" fn pm_scene_restore(scene: pm_scene, snapshot: u64) -> pm_code {
+    change(scene, |edited| Ok(edited.scene.restore(SnapshotId::from_number(snapshot))?))
+}
+
+#[unsafe(no_mangle)]
+pub extern "C" fn pm_scene_forget_snapshot(scene: pm_scene, snapshot: u64) -> pm_code {
+    change(scene, |edited| Ok(edited.scene.forget_snapshot(SnapshotId::from_number(snapshot))?))
 }
 
 #[unsafe(no_mangle)]

@@ -396,6 +396,20 @@ static void scenes(pm_session session) {
   EXPECT(PM_OK, pm_scene_shift_origin(scene, back));
   changes(scene, *expected, 0, 0, 0); /* no pair has begun or ended */
 
+  uint64_t snapshot;
+  EXPECT(PM_OK, pm_scene_take_snapshot(scene, &snapshot));
+  CHECK(snapshot != 0);
+  EXPECT(PM_OK, pm_scene_shift_origin(scene, away_from));
+  EXPECT(PM_OK, pm_scene_restore(scene, snapshot));
+  EXPECT(PM_OK, pm_scene_query(scene, &a, 1, NULL, 0, &pairs, &count));
+  CHECK(count == 2);
+  changes(scene, *expected, 0, 0, 0);
+  EXPECT(PM_ERR_SNAPSHOT, pm_scene_restore(scene, snapshot + 1));
+  EXPECT(PM_OK, pm_scene_forget_snapshot(scene, snapshot));
+  EXPECT(PM_ERR_SNAPSHOT, pm_scene_forget_snapshot(scene, snapshot));
+  EXPECT(PM_ERR_SNAPSHOT, pm_scene_restore(scene, snapshot));
+  EXPECT(PM_ERR_ARGUMENT, pm_scene_take_snapshot(scene, NULL));
+
   const char *path = "calls.pmscene";
   pm_scene loaded;
   EXPECT(PM_OK, pm_scene_save(scene, path));

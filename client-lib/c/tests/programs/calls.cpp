@@ -110,6 +110,12 @@ void scenes(pm::Session &session) {
   CHECK(session.load_scene(path).value().query(std::vector<pm::Box>{at(0)}).value().size() == 2);
   CHECK(std::remove(path) == 0);
   CHECK(session.load_scene(path).error().code() == PM_ERR_SCENE_FILE);
+  const std::uint64_t snapshot = scene.snapshot().value();
+  scene.shift_origin(64, 0, 0).value();
+  scene.restore(snapshot).value();
+  CHECK(scene.query(std::vector<pm::Box>{at(0)}).value().size() == 2);
+  scene.forget_snapshot(snapshot).value();
+  CHECK(scene.restore(snapshot).error().code() == PM_ERR_SNAPSHOT);
   scene.shift_origin(64, 0, 0).value();
   scene.shift_origin(-64, 0, 0).value();
   CHECK(scene.shift_origin(1e9f, 0, 0).error().code() == PM_ERR_INEXACT_SHIFT);

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use super::edit::{Edit, FilterDataSets, Indices, Sets, Step};
+use super::edit::{Edit, FilterDataSets, Indices, Sets, Step, UserData, UserDataSets};
 use super::error::EditError;
 use super::fetch::ask_for;
 use super::rules::{FilterHistory, apply_rules};
@@ -49,6 +49,9 @@ pub struct WholeScene<'a> {
     /// Boxes with indices that are given filter data, and their filter data: those that are not the default ones.
     filtered: Vec<u32>,
     filter_data: Vec<FilterData>,
+    /// Boxes with user data other than 0, and these.
+    marked: Vec<u32>,
+    user_data: Vec<UserData>,
     rules: Option<WholeRules<'a>>,
 }
 
@@ -123,6 +126,11 @@ impl SceneCopy {
         self.states.has(index, EDIT_REMOVES)
     }
 
+    /// Whether an index has no box once the edit that was checked has removed some.
+    pub(super) fn is_replaced_by_edit(&self, index: u32) -> bool {
+        !self.states.has(index, PRESENT) || self.is_removed_by_edit(index)
+    }
+
     /// Calls `f` with the indices that an edit [names](super::Report::Moved), some of them twice, before it is applied.
     pub fn for_each_named(&self, edit: Edit<'_>, mut f: impl FnMut(u32)) {
         edit.for_each_named(&mut f);
@@ -144,6 +152,7 @@ impl SceneCopy {
         edit.for_each_removed(|index| {
             states.remove(index);
         });
+        states.drop_user_data(edit);
         for &Sets { indices, boxes: new } in edit.sets() {
             match indices {
                 Indices::Range { count: 0, .. } => {}
@@ -194,6 +203,7 @@ impl<'a> WholeScene<'a> {
             WholeRules { rules, included, excluded }
         });
         let (mut filtered, mut filter_data) = (Vec::new(), Vec::new());
+        let (mut marked, mut user_data) = (Vec::new(), Vec::new());
         for index in 0..end as u32 {
             let Some(kept) = snapshot(index) else { continue };
             let BoxSnapshot { b, is_on, .. } = kept;
@@ -209,10 +219,14 @@ impl<'a> WholeScene<'a> {
                 filtered.push(index);
                 filter_data.push(filter_datum);
             }
+            if kept.user_data != 0 {
+                marked.push(index);
+                user_data.push(kept.user_data.into());
+            }
         }
         let present = in_place.is_none().then_some(all);
         let boxes = in_place.map_or(boxes.into(), Cow::from);
-        Self { present, boxes, disabled, statics, filtered, filter_data, rules }
+        Self { present, boxes, disabled, statics, filtered, filter_data, marked, user_data, rules }
     }
 
     /// The steps of an edit that makes the scene where there is no box.
@@ -235,6 +249,12 @@ impl<'a> WholeScene<'a> {
                 Step::Include(included, true),
                 Step::Exclude(excluded, true),
             ]);
+        }
+        if !self.marked.is_empty() {
+            steps.push(Step::UserData(UserDataSets {
+                indices: (&self.marked).into(),
+                user_data: &self.user_data,
+            }));
         }
         steps
     }

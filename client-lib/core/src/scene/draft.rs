@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::edit::{FilterDataSets, Indices, Sets, Step};
+use super::edit::{FilterDataSets, Indices, Sets, Step, UserData, UserDataSets};
 use super::error::EditError;
 use super::margins::MarginedSets;
 use crate::aabb::Aabb;
@@ -26,6 +26,8 @@ pub struct Draft {
     pub filtered: Vec<u32>,
     /// Their filter data.
     pub filter_data: Vec<FilterData>,
+    /// User data of [`Given::marked`].
+    pub user_data: Vec<UserData>,
 }
 
 /// What an edit does beside its [`Draft`].
@@ -35,6 +37,8 @@ pub struct Given<'a> {
     pub steps: Vec<Step<'a>>,
     /// Indices, and where their boxes lie in the field `filled` of the [`Draft`].
     pub fills: Vec<(Indices<'a>, Range<usize>)>,
+    /// Indices, and where their user data lie in the field `user_data` of the [`Draft`].
+    pub marked: Vec<(Indices<'a>, Range<usize>)>,
     /// Boxes with margins of their own, of a scene with margins.
     pub margined: Vec<MarginedSets<'a>>,
 }
@@ -49,6 +53,14 @@ impl Draft {
         self.removed.clear();
         self.filtered.clear();
         self.filter_data.clear();
+        self.user_data.clear();
+    }
+
+    /// Keeps user data, and says where.
+    pub fn mark(&mut self, user_data: impl IntoIterator<Item = u64>) -> Range<usize> {
+        let start = self.user_data.len();
+        self.user_data.extend(user_data.into_iter().map(UserData::from));
+        start..self.user_data.len()
     }
 
     fn singles(&self) -> Option<Sets<'_>> {
@@ -74,6 +86,10 @@ impl Draft {
             steps.push(Step::Remove(Indices::List(&self.removed)));
         }
         steps.extend(self.singles().map(Step::Set));
+        steps.extend(given.marked.iter().map(|(indices, slot)| {
+            let user_data = &self.user_data[slot.clone()];
+            Step::UserData(UserDataSets { indices: *indices, user_data })
+        }));
         if !self.filtered.is_empty() {
             steps.push(Step::FilterData(FilterDataSets {
                 indices: Indices::List(&self.filtered),

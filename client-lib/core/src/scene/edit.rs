@@ -5,6 +5,8 @@
 
 use std::ops::Range;
 
+use bytemuck::{Pod, Zeroable};
+
 use crate::aabb::Aabb;
 use crate::filters::{FilterData, FilterTable};
 
@@ -127,6 +129,33 @@ pub struct FilterDataSets<'a> {
     pub filter_data: &'a [FilterData],
 }
 
+/// A number of the client's own that a box carries: the index of a body, or an address. Two words, little-endian, so
+/// that it may lie anywhere.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Pod, Zeroable)]
+#[repr(transparent)]
+pub struct UserData([u32; 2]);
+
+impl From<u64> for UserData {
+    fn from(number: u64) -> Self {
+        Self([number as u32, (number >> 32) as u32])
+    }
+}
+
+impl From<UserData> for u64 {
+    fn from(UserData([low, high]): UserData) -> Self {
+        Self::from(high) << 32 | Self::from(low)
+    }
+}
+
+/// User data and where they belong: the entry at a position belongs to the index at the same place.
+#[derive(Clone, Copy, Debug)]
+pub struct UserDataSets<'a> {
+    /// The indices.
+    pub indices: Indices<'a>,
+    /// User data for each.
+    pub user_data: &'a [UserData],
+}
+
 /// What a step of an edit does.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
@@ -142,6 +171,8 @@ pub enum Step<'a> {
     /// Gives boxes their [filter data](crate::filters). A box that is inserted has [`FilterData::default`].
     /// [`Static`](Self::Static) says whether a box itself is static, and not its filter data.
     FilterData(FilterDataSets<'a>),
+    /// Gives boxes user data, which change nothing that is reported. A box that is inserted has 0.
+    UserData(UserDataSets<'a>),
     /// The filters that filter data names, in place of all before.
     Filters(&'a FilterTable),
     /// Puts pairs of indices on the include list, or takes them off.
@@ -158,7 +189,8 @@ impl Step<'_> {
             | Self::Set(Sets { indices, .. })
             | Self::Enable(indices, _)
             | Self::Static(indices, _)
-            | Self::FilterData(FilterDataSets { indices, .. }) => Some(*indices),
+            | Self::FilterData(FilterDataSets { indices, .. })
+            | Self::UserData(UserDataSets { indices, .. }) => Some(*indices),
             Self::Filters(_) | Self::Include(..) | Self::Exclude(..) => None,
         }
     }
@@ -173,7 +205,7 @@ impl Step<'_> {
 }
 
 /// An edit: steps, which are done in the order of their kinds, regardless of the order in the slice: all
-/// removals, all sets, then enabled and static flags in the order given, then what is about rules.
+/// removals, all sets, then enabled and static flags in the order given, then what is about rules, then user data.
 ///
 /// An index may be removed and set in one edit: it is another box then, whose pairs all begin.
 ///
@@ -252,7 +284,8 @@ impl<'a> Edit<'a> {
             Step::Remove(indices)
             | Step::Enable(indices, _)
             | Step::Static(indices, _)
-            | Step::FilterData(FilterDataSets { indices, .. }) => indices.last(),
+            | Step::FilterData(FilterDataSets { indices, .. })
+            | Step::UserData(UserDataSets { indices, .. }) => indices.last(),
             _ => None,
         };
         self.steps.iter().filter_map(last).max()
@@ -275,6 +308,9 @@ impl<'a> Edit<'a> {
             Step::Set(Sets { indices, boxes }) => Some((indices.len(), boxes.len())),
             Step::FilterData(FilterDataSets { indices, filter_data }) => {
                 Some((indices.len(), filter_data.len()))
+            }
+            Step::UserData(UserDataSets { indices, user_data }) => {
+                Some((indices.len(), user_data.len()))
             }
             _ => None,
         });
@@ -321,6 +357,20 @@ impl<'a> Edit<'a> {
         }
     }
 
+    /// User data, in the order given.
+    pub fn for_each_user_data(&self, mut f: impl FnMut(u32, u64)) {
+        for step in self.steps {
+            if let Step::UserData(UserDataSets { indices, user_data }) = step {
+                indices.for_each(|at, index| f(index, user_data[at].into()));
+            }
+        }
+    }
+
+    /// Whether it gives user data.
+    pub(super) fn gives_user_data(&self) -> bool {
+        self.steps.iter().any(|step| matches!(step, Step::UserData(_)))
+    }
+
     /// The indices that it [names](super::Report::Moved), some of them twice, but for those that its table of filters
     /// names alone.
     pub(super) fn for_each_named(&self, mut f: impl FnMut(u32)) {
@@ -334,7 +384,7 @@ impl<'a> Edit<'a> {
         }
     }
 
-    /// Bytes that its rules may take where they are kept, beside filter data.
+    /// Bytes that its rules and user data may take where they are kept, beside filter data.
     pub fn rule_bytes(&self) -> usize {
         /// A pair in the tables of now and of then, half of whose places are free.
         const PAIR_BYTES: usize = 64;
@@ -342,6 +392,9 @@ impl<'a> Edit<'a> {
             Step::Filters(table) => 2 * table.allocated_bytes(),
             Step::Include(pairs, _) | Step::Exclude(pairs, _) => PAIR_BYTES * pairs.len(),
             Step::FilterData(FilterDataSets { filter_data, .. }) => PAIR_BYTES * filter_data.len(),
+            Step::UserData(UserDataSets { indices, .. }) => {
+                indices.last().map_or(0, |last| (last as usize + 1) * size_of::<u64>())
+            }
             _ => 0,
         };
         self.steps.iter().map(bytes).sum()

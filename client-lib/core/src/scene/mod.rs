@@ -61,7 +61,7 @@ mod whole;
 pub use self::answer::{EndReason, Ended, Report, Reported, SceneSkips, is_resync_due};
 pub use self::copy::{SceneCopy, WholeScene};
 pub use self::draft::{Draft, Given};
-pub use self::edit::{Edit, FilterDataSets, Indices, Sets, Step};
+pub use self::edit::{Edit, FilterDataSets, Indices, Sets, Step, UserData, UserDataSets};
 pub use self::error::{EditError, SceneError};
 pub use self::margins::{ExactPairs, MarginStats, Margined, MarginedSets, Margins, Outgoing};
 pub use self::options::SceneOptions;

@@ -55,6 +55,11 @@ impl<'a> Replica<'a> {
         }
     }
 
+    /// The user data of an index, also after its box was removed, until another has the index.
+    pub fn user_data(&self, index: u32) -> u64 {
+        self.states().user_data(index)
+    }
+
     /// Indices with a box are below this.
     pub fn index_end(&self) -> u32 {
         self.states().index_end() as u32

@@ -50,7 +50,7 @@ impl FilteredBoxes for BoxStates {
     }
 }
 
-/// Does what an edit says of flags and rules, after its removals and sets.
+/// Does what an edit says of flags, rules and user data, after its removals and sets.
 pub fn apply_rules(edit: Edit<'_>, boxes: &mut impl FilteredBoxes) {
     let mut filters = std::mem::take(&mut boxes.states_mut().filters);
     edit.for_each_flag(|index, flag| {
@@ -62,6 +62,7 @@ pub fn apply_rules(edit: Edit<'_>, boxes: &mut impl FilteredBoxes) {
     });
     filters.apply(edit, boxes);
     boxes.states_mut().filters = filters;
+    boxes.states_mut().set_user_data(edit);
 }
 
 /// Filter data of a scene, now and when the history began.

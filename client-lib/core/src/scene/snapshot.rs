@@ -15,6 +15,8 @@ pub struct BoxSnapshot {
     pub is_on: bool,
     /// Its filter data, with its static flag.
     pub filter_data: FilterData,
+    /// Its user data.
+    pub user_data: u64,
 }
 
 impl BoxSnapshot {
@@ -23,6 +25,7 @@ impl BoxSnapshot {
             b,
             is_on: !states.has(index, DISABLED),
             filter_data: states.filter_data(index),
+            user_data: states.user_data(index),
         }
     }
 

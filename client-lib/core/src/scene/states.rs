@@ -47,6 +47,8 @@ pub struct BoxStates {
     has_no_history: bool,
     /// Indices that lost a box since the history began.
     lost: Vec<u32>,
+    /// User data by index, up to the last one that was given any. Those of a removed box stay until its index has another.
+    user_data: Vec<u64>,
     /// Which became still or ceased to be since then; one bit each, for all indices or for none.
     flipped: Vec<u64>,
 }
@@ -170,9 +172,40 @@ impl BoxStates {
         !self.lost.is_empty()
     }
 
+    /// The user data of an index, also after its box was removed, until another has the index.
+    #[inline]
+    pub fn user_data(&self, index: u32) -> u64 {
+        self.user_data.get(index as usize).copied().unwrap_or(0)
+    }
+
+    /// Drops the user data of indices that a checked edit gives another box, after its removals and before its sets.
+    pub fn drop_user_data(&mut self, edit: Edit<'_>) {
+        if self.user_data.is_empty() {
+            return;
+        }
+        edit.for_each_set(|index, _| {
+            if self.bits[index as usize] & PRESENT == 0
+                && let Some(of_removed) = self.user_data.get_mut(index as usize)
+            {
+                *of_removed = 0;
+            }
+        });
+    }
+
+    /// Gives boxes the user data of an edit that was checked.
+    pub(super) fn set_user_data(&mut self, edit: Edit<'_>) {
+        edit.for_each_user_data(|index, user_data| {
+            if self.user_data.len() <= index as usize {
+                self.user_data.resize(index as usize + 1, 0);
+            }
+            self.user_data[index as usize] = user_data;
+        });
+    }
+
     /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         self.bits.capacity()
+            + self.user_data.capacity() * size_of::<u64>()
             + self.filters.allocated_bytes()
             + self.lost.capacity() * size_of::<u32>()
             + self.flipped.capacity() * size_of::<u64>()
@@ -193,6 +226,10 @@ impl BoxStates {
         let no_memory = |_| EditError::NoMemory { boxes: len as u64 };
         let more = len - self.bits.len();
         self.bits.try_reserve(more).and_then(|()| room(len)).map_err(no_memory)?;
+        if edit.gives_user_data() {
+            let more = len.saturating_sub(self.user_data.len());
+            self.user_data.try_reserve(more).map_err(no_memory)?;
+        }
         self.bits.resize(len, 0);
         if edit.is_plainly_right() { Ok(()) } else { self.mark(edit) }
     }
@@ -258,6 +295,7 @@ impl BoxStates {
         };
         edit.for_each_flag(|index, _| check(index));
         edit.for_each_filter_data(|index, _| check(index));
+        edit.for_each_user_data(|index, _| check(index));
         let Some(wrong) = wrong else { return Ok(()) };
         self.unmark(edit);
         Err(wrong)
@@ -399,6 +437,8 @@ impl BoxStates {
         (left < len / 2).then(|| {
             self.bits.truncate(left);
             self.bits.shrink_to_fit();
+            self.user_data.truncate(left);
+            self.user_data.shrink_to_fit();
             left
         })
     }

@@ -185,6 +185,7 @@ impl Store {
             grow(boxes, len, Aabb::EMPTY)
         })?;
         edit.for_each_removed(|index| self.remove(index));
+        self.states.drop_user_data(edit);
         self.set_all(edit, threads);
         apply_rules(edit, self);
         Ok(())

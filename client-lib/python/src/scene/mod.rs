@@ -19,7 +19,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use pairmask::cast::{Hits, Shapes};
-use pairmask::{Scene, Sphere};
+use pairmask::{Scene, SnapshotId, Sphere};
 use pyo3::prelude::*;
 use pyo3::types::{PyRange, PyRangeMethods};
 
@@ -198,6 +198,21 @@ impl PyScene {
     /// a `PairmaskError`, and the scene is what it was.
     fn shift_origin(&self, py: Python<'_>, by: [f32; 3]) -> PyResult<()> {
         self.with_detached(py, |scene| scene.shift_origin(by))
+    }
+
+    /// Takes a snapshot of the scene, and returns its number. From then on each edit copies what it changes.
+    fn snapshot(&self, py: Python<'_>) -> PyResult<u64> {
+        self.with_detached(py, |scene| scene.snapshot().map(SnapshotId::number))
+    }
+
+    /// Goes back to a snapshot: the same edits have the same answers again. No pair is reported for this.
+    fn restore(&self, py: Python<'_>, snapshot: u64) -> PyResult<()> {
+        self.with_detached(py, |scene| scene.restore(SnapshotId::from_number(snapshot)))
+    }
+
+    /// Forgets a snapshot.
+    fn forget_snapshot(&self, py: Python<'_>, snapshot: u64) -> PyResult<()> {
+        self.with_detached(py, |scene| scene.forget_snapshot(SnapshotId::from_number(snapshot)))
     }
 
     /// Requests a resync: the next changes are one.

@@ -194,6 +194,17 @@ impl Scene {
         }
     }
 
+    /// The user data of an index, which its box was [given](super::SceneEdit::set_user_data), or else 0. That of a removed
+    /// box stays until another has its index, or the scene goes back to a snapshot: so pairs that ended have theirs.
+    ///
+    /// Of a shared scene, that of other members' boxes is known as of the last answer.
+    pub fn user_data(&self, index: u32) -> u64 {
+        match self.backend.sharing() {
+            Some(sharing) if !sharing.has_leased(index) => sharing.others.of(index),
+            _ => replicas(&self.backend, self.margins.as_deref()).now.user_data(index),
+        }
+    }
+
     /// What margins have saved so far; `None` of a scene without.
     pub fn margin_stats(&self) -> Option<MarginStats> {
         self.margins.as_ref().map(|margins| margins.stats())

@@ -165,6 +165,20 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
         self.step(Step::FilterData(FilterDataSets { indices: indices.into(), filter_data }))
     }
 
+    /// Gives a box user data: a number of the program's own, such as the index of a body. It changes nothing that is
+    /// reported. [`Scene::user_data`] and [`SceneAnswer::user_data`] return it, of a shared scene that of other members'
+    /// boxes too. A box that is inserted has 0.
+    pub fn set_user_data(self, index: u32, user_data: u64) -> Self {
+        self.set_all_user_data(one(index), &[user_data])
+    }
+
+    /// Gives boxes user data, as [`set_user_data`](Self::set_user_data) does.
+    pub fn set_all_user_data(mut self, indices: impl Into<Indices<'a>>, user_data: &[u64]) -> Self {
+        let slot = self.scene.draft.mark(user_data.iter().copied());
+        self.given.marked.push((indices.into(), slot));
+        self
+    }
+
     /// The filters that filter data names, in place of all before.
     pub fn filter_table(self, table: &'a FilterTable) -> Self {
         self.step(Step::Filters(table))

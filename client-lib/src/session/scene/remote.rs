@@ -25,7 +25,7 @@ use pairmask_core::scene::{
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
     EditLayout, LeaseAction, ReplyError, ReplyFields, RequestHeader, SceneId, SceneRequest,
-    Section, StatusCode, TickMarks,
+    Section, StatusCode, TickMarks, words_in,
 };
 
 use super::lists::FromDaemon;
@@ -170,7 +170,8 @@ impl RemoteScene {
             Holder::Daemon(_) if self.sharing.is_none() => (0, self.daemon_bytes),
             _ => (0, 0),
         };
-        (self.copy.allocated_bytes() + here, there)
+        let others = self.sharing.as_ref().map_or(0, |sharing| sharing.others.allocated_bytes());
+        (self.copy.allocated_bytes() + others + here, there)
     }
 
     /// What the scene of this process has reported.
@@ -535,6 +536,7 @@ impl RemoteScene {
         (self.holder, self.sent_to) = (Holder::Nobody, Some(Arc::clone(link)));
         let Self { core, settings, id, sharing, .. } = &mut *self;
         let Some(sharing) = sharing else { return Err(Error::NotShared) };
+        sharing.others.clear();
         let joined = sharing.join(&AskedOf { core, link, settings, scene: *id });
         let leases = sharing.leases.clone();
         let terms = joined.map_err(|error| self.refused(error))?;
@@ -639,6 +641,10 @@ impl RemoteScene {
         if let Some(sharing) = &mut self.sharing {
             sharing.before = None;
             let marks = TickMarks::parse(&answer.header, size_of_val(answer.memory.pages()) as u64);
+            if let Ok(marks) = &marks {
+                let words = words_in(answer.memory.pages());
+                sharing.others.learn(marks.user_data_in(words));
+            }
             tick = Some(marks.map_err(|error| self.refused(error.into()))?);
         } else {
             self.estimate.note(Answered {

@@ -2,6 +2,7 @@
 //!
 //! The daemon's refusals have types of their own here.
 
+use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -35,12 +36,43 @@ pub(super) struct Sharing {
     terms: SharedTerms,
     options: SceneOptions,
     pub leases: Vec<Range<u32>>,
+    /// User data of all boxes, as of the last answer.
+    pub others: OthersData,
     /// Whether this member has given the table of filters.
     pub gave_filters: bool,
     /// Until the commit of a table of filters is answered.
     pub before: Option<Box<Before>>,
     /// Whether the last such commit was refused, and taken back here.
     pub was_undone: bool,
+}
+
+/// User data by index, where it is not 0.
+#[derive(Default)]
+pub(super) struct OthersData(HashMap<u32, u64>);
+
+impl OthersData {
+    pub fn of(&self, index: u32) -> u64 {
+        self.0.get(&index).copied().unwrap_or(0)
+    }
+
+    /// Learns what has changed.
+    pub fn learn(&mut self, changed: impl Iterator<Item = (u32, u64)>) {
+        for (index, user_data) in changed {
+            if user_data == 0 {
+                self.0.remove(&index);
+            } else {
+                self.0.insert(index, user_data);
+            }
+        }
+    }
+
+    pub fn clear(&mut self) {
+        self.0.clear();
+    }
+
+    pub fn allocated_bytes(&self) -> usize {
+        self.0.capacity() * (size_of::<(u32, u64)>() + 1)
+    }
 }
 
 /// Whom the membership is asked of.
@@ -59,10 +91,16 @@ impl Sharing {
             terms: SharedTerms { most_boxes, deadline: tick_deadline, at_end },
             options,
             leases: Vec::new(),
+            others: OthersData::default(),
             gave_filters: false,
             before: None,
             was_undone: false,
         }
+    }
+
+    /// Whether this member has leased an index.
+    pub fn has_leased(&self, index: u32) -> bool {
+        self.leases.iter().any(|lease| lease.contains(&index))
     }
 
     /// What holds in the scene; before it is joined, what this member asks for.

@@ -82,10 +82,10 @@ impl Scene {
 
     /// Makes the edit of a phase, and what follows it.
     fn go(&mut self, phase: &Phase) -> Result<(), Error> {
-        let Self { backend, margins, snapshots, index_limit, .. } = &mut *self;
+        let Self { backend, margins, snapshots, .. } = &mut *self;
         let (steps, sent_steps) = (phase.steps(), phase.sent_steps());
         let (edit, sent) = (Edit { steps: &steps }, Edit { steps: &sent_steps });
-        snapshots.note(edit, &replicas(backend, margins.as_deref()), *index_limit);
+        snapshots.note_phase(phase, &replicas(backend, margins.as_deref()));
         let mut report = Report::Nothing;
         let begun = if let Some(margins) = margins {
             if matches!(phase.then(), Then::MarkReported(_)) {

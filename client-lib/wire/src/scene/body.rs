@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use bytemuck::{Pod, Zeroable};
 use pairmask_core::aabb::Aabb;
 use pairmask_core::filters::{Filter, FilterTable};
-use pairmask_core::scene::{Edit, FilterDataSets, Indices, Sets, Step};
+use pairmask_core::scene::{Edit, FilterDataSets, Indices, Sets, Step, UserDataSets};
 use pairmask_core::write::par_write_boxes;
 
 use super::request::{BOX_BYTES, SceneRequest};
@@ -48,6 +48,10 @@ const INCLUDE: u32 = 9;
 const INCLUDE_NO_MORE: u32 = 10;
 const EXCLUDE: u32 = 11;
 const EXCLUDE_NO_MORE: u32 = 12;
+const USER_DATA: u32 = 13;
+
+/// Words of user data: a u64.
+const USER_DATA_WORDS: usize = 2;
 
 const LIST: u32 = 1;
 const RANGE: u32 = 2;
@@ -209,6 +213,10 @@ impl<'a> Written<'a> {
                 let filter_data: &[u32] = bytemuck::cast_slice(filter_data);
                 Self { entries: Some(filter_data.into()), ..plain(FILTER_DATUM, indices) }
             }
+            Step::UserData(UserDataSets { indices, user_data }) => {
+                let user_data: &[u32] = bytemuck::cast_slice(user_data);
+                Self { entries: Some(user_data.into()), ..plain(USER_DATA, indices) }
+            }
             Step::Filters(table) => {
                 let words: Vec<u32> = table.filters().iter().flat_map(words_of).collect();
                 own(FILTERS, words.into(), table.filters().len())
@@ -341,11 +349,14 @@ impl EditScratch {
             DISABLE => Step::Enable(indices, false),
             MAKE_STATIC => Step::Static(indices, true),
             MAKE_MOVABLE => Step::Static(indices, false),
-            FILTER_DATUM => {
-                let own = self.words.get(record.entries_at as usize..)?;
-                let own = own.get(..indices.len().checked_mul(FILTER_DATA_WORDS)?)?;
-                Step::FilterData(FilterDataSets { indices, filter_data: bytemuck::cast_slice(own) })
-            }
+            FILTER_DATUM => Step::FilterData(FilterDataSets {
+                indices,
+                filter_data: self.entries_at(record, indices.len(), FILTER_DATA_WORDS)?,
+            }),
+            USER_DATA => Step::UserData(UserDataSets {
+                indices,
+                user_data: self.entries_at(record, indices.len(), USER_DATA_WORDS)?,
+            }),
             FILTERS => Step::Filters(&self.table),
             INCLUDE => Step::Include(pairs()?, true),
             INCLUDE_NO_MORE => Step::Include(pairs()?, false),
@@ -353,6 +364,14 @@ impl EditScratch {
             EXCLUDE_NO_MORE => Step::Exclude(pairs()?, false),
             _ => return None,
         })
+    }
+}
+
+impl EditScratch {
+    /// An entry of so many words for each index of a step.
+    fn entries_at<T: Pod>(&self, record: &StepRecord, count: usize, words: usize) -> Option<&[T]> {
+        let own = self.words.get(record.entries_at as usize..)?;
+        Some(bytemuck::cast_slice(own.get(..count.checked_mul(words)?)?))
     }
 }
 

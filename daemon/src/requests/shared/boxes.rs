@@ -33,6 +33,8 @@ pub(super) struct Boxes {
     /// How many boxes each index has lost.
     incarnations: Incarnations,
     pub(super) moved: MovedBoxes,
+    /// Whose user data changed at which tick.
+    marked: MovedBoxes,
     /// Boxes whose writers have left.
     kept: RemainingBoxes,
     room: SceneRoom,
@@ -66,6 +68,20 @@ impl Reasons<'_> {
         } else {
             EndReason::Removed
         }
+    }
+}
+
+/// User data of all boxes, and whose changed at which tick.
+pub(super) struct UserDataOf<'a> {
+    copy: &'a SceneCopy,
+    marked: &'a MovedBoxes,
+}
+
+impl UserDataOf<'_> {
+    /// Indices whose user data changed after a tick, and what it is now.
+    pub fn changed_after(&self, tick: u64) -> Vec<(u32, u64)> {
+        let of = |index| (index, self.copy.states().user_data(index));
+        self.marked.after(tick).into_iter().map(of).collect()
     }
 }
 
@@ -123,6 +139,7 @@ impl Boxes {
             copy: SceneCopy::new(limit),
             incarnations: Incarnations::default(),
             moved: MovedBoxes::default(),
+            marked: MovedBoxes::default(),
             kept: RemainingBoxes::default(),
             room: SceneRoom::begin(&tools.memory)?,
             tools,
@@ -135,9 +152,9 @@ impl Boxes {
     }
 
     fn own_bytes(&self) -> u64 {
-        let Self { copy, incarnations, moved, found, .. } = self;
+        let Self { copy, incarnations, moved, marked, found, .. } = self;
         let kept = copy.allocated_bytes() + incarnations.allocated_bytes();
-        (kept + moved.allocated_bytes()) as u64 + bytes_of(found)
+        (kept + moved.allocated_bytes() + marked.allocated_bytes()) as u64 + bytes_of(found)
     }
 
     /// Checks a member's edit, which stays right. It is to be applied or [cancelled](Self::cancel).
@@ -164,7 +181,8 @@ impl Boxes {
     }
 
     pub fn note_moved(&mut self, tick: u64, edit: Edit<'_>) {
-        self.moved.note(tick, edit, &self.copy);
+        self.moved.note_named(tick, edit, &self.copy);
+        self.marked.note_marked(tick, edit, &self.copy, &self.kept);
     }
 
     /// Applies edits that were checked, by so many threads.
@@ -287,6 +305,10 @@ impl Boxes {
 
     pub fn changes(&self) -> TickChanges {
         TickChanges::of(self.scene.reported(), &self.incarnations)
+    }
+
+    pub const fn user_data(&self) -> UserDataOf<'_> {
+        UserDataOf { copy: &self.copy, marked: &self.marked }
     }
 
     pub const fn reasons(&self) -> Reasons<'_> {

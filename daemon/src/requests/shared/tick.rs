@@ -7,7 +7,7 @@ use std::time::Instant;
 use pairmask_core::dispatch::StageTimes;
 use pairmask_core::scene::shared::{MemberId, Scope};
 use pairmask_core::scene::{Edit, Report, Reported, SceneError};
-use pairmask_wire::EditScratch;
+use pairmask_wire::{EditScratch, TickNotes};
 use rayon::prelude::*;
 
 use super::boxes::{Boxes, Changed};
@@ -37,6 +37,8 @@ struct Answer {
     recipient: Recipient,
     commit: Commit,
     reported: Result<Reported, Refusal>,
+    /// User data that have changed since the last answer that the member received.
+    user_data: Vec<(u32, u64)>,
 }
 
 /// Does something for each of a list, side by side where there are threads for it.
@@ -141,8 +143,9 @@ fn reported_to(
     tick: u64,
     threads: usize,
 ) -> Vec<Answer> {
-    let (reasons, moved) = (boxes.reasons(), &boxes.moved);
+    let (reasons, moved, user_data) = (boxes.reasons(), &boxes.moved, boxes.user_data());
     let report = |(recipient, commit): (Recipient, Commit)| {
+        let user_data = user_data.changed_after(locked(&recipient.unreported).received_at());
         let reported = pairs.as_ref().map_err(|error| Refusal::from(error.clone())).map(|pairs| {
             let report = commit.request.report;
             let mut unreported = locked(&recipient.unreported);
@@ -159,7 +162,7 @@ fn reported_to(
             };
             unreported.answer(report, tick, its, pairs.count, |named| reasons.of(named))
         });
-        Answer { recipient, commit, reported }
+        Answer { recipient, commit, reported, user_data }
     };
     if threads == 1 {
         commits.into_iter().map(report).collect()
@@ -177,8 +180,8 @@ impl AppliedTick {
 
     pub fn answer(self, outbox: &Outbox) {
         let Self { number, late, answer, answers } = self;
-        for_each(answers, answer.threads, |Answer { recipient, mut commit, reported }| {
-            let tick = Some((number, &late[..]));
+        for_each(answers, answer.threads, |Answer { recipient, mut commit, reported, user_data }| {
+            let tick = Some(TickNotes { tick: number, late: &late, user_data: &user_data });
             let sent = reported
                 .and_then(|reported| answer.send(&mut commit.open, &reported, tick, outbox));
             if let Err(refusal) = sent {

@@ -8,13 +8,13 @@ use std::ops::Range;
 
 use super::MarginedSets;
 use super::exact::ExactPairs;
-use super::super::replica::Replica;
 use super::outgoing::Outgoing;
 use crate::precision::Margin;
 use crate::scene::answer::{Report, Reported};
 use crate::scene::copy::SceneCopy;
-use crate::scene::edit::{Edit, Sets, Step};
+use crate::scene::edit::{Edit, Sets, Step, UserDataSets};
 use crate::scene::error::EditError;
+use crate::scene::replica::Replica;
 use crate::scene::shared::remove_range;
 
 /// Boxes that were set, and how few of them were sent.
@@ -308,9 +308,10 @@ impl Margined {
 fn is_sent(step: &Step<'_>) -> bool {
     match step {
         Step::Set(_) => false,
-        Step::Remove(indices) | Step::Enable(indices, _) | Step::Static(indices, _) => {
-            indices.last().is_some()
-        }
+        Step::Remove(indices)
+        | Step::Enable(indices, _)
+        | Step::Static(indices, _)
+        | Step::UserData(UserDataSets { indices, .. }) => indices.last().is_some(),
         _ => true,
     }
 }

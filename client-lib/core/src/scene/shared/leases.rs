@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashSet};
 use std::ops::Range;
 
 use super::MemberId;
-use crate::scene::edit::{Edit, FilterDataSets, Indices, Sets, Step};
+use crate::scene::edit::{Edit, FilterDataSets, Indices, Sets, Step, UserDataSets};
 
 /// Leases that one scene may have: a member that leases index by index would be work without end.
 const MOST_LEASES: usize = 4_096;
@@ -233,7 +233,8 @@ impl Ranges {
                 | Step::Enable(indices, _)
                 | Step::Static(indices, _)
                 | Step::Set(Sets { indices, .. })
-                | Step::FilterData(FilterDataSets { indices, .. }) => check(indices)?,
+                | Step::FilterData(FilterDataSets { indices, .. })
+                | Step::UserData(UserDataSets { indices, .. }) => check(indices)?,
                 Step::Include(pairs, _) | Step::Exclude(pairs, _) => {
                     check(&Indices::List(pairs.as_flattened()))?;
                 }

@@ -6,7 +6,7 @@ use std::ops::Range;
 use super::Ranges;
 use crate::filters::{FilterData, in_order};
 use crate::scene::SceneCopy;
-use crate::scene::edit::{Edit, FilterDataSets, Indices, Step};
+use crate::scene::edit::{Edit, FilterDataSets, Indices, Step, UserData, UserDataSets};
 use crate::scene::error::EditError;
 
 /// Removes the boxes of indices that are no longer a member's, and listed pairs that name them, from what it keeps.
@@ -78,11 +78,17 @@ pub struct RemainingBoxes {
 pub struct Reset {
     indices: Vec<u32>,
     filter_data: Vec<FilterData>,
+    user_data: Vec<UserData>,
     included: Vec<[u32; 2]>,
     excluded: Vec<[u32; 2]>,
 }
 
 impl RemainingBoxes {
+    /// Whether the box of an index is kept.
+    pub fn has(&self, index: u32) -> bool {
+        self.boxes.contains(&index)
+    }
+
     /// Boxes of a scene in ranges that are nobody's any more are kept.
     pub fn keep(&mut self, copy: &SceneCopy, ranges: &Ranges) {
         let Remains { boxes, included, excluded } = Remains::of(copy, ranges);
@@ -127,7 +133,14 @@ impl RemainingBoxes {
         };
         let [included, excluded] = [&mut self.included, &mut self.excluded].map(lost);
         let filter_data = vec![FilterData::default(); indices.len()];
-        (!indices.is_empty()).then_some(Reset { indices, filter_data, included, excluded })
+        let user_data = vec![UserData::default(); indices.len()];
+        (!indices.is_empty()).then_some(Reset {
+            indices,
+            filter_data,
+            user_data,
+            included,
+            excluded,
+        })
     }
 }
 
@@ -139,6 +152,7 @@ impl Reset {
             Step::Enable(indices, true),
             Step::Static(indices, false),
             Step::FilterData(FilterDataSets { indices, filter_data: &self.filter_data }),
+            Step::UserData(UserDataSets { indices, user_data: &self.user_data }),
             Step::Include(&self.included, false),
             Step::Exclude(&self.excluded, false),
         ];

@@ -14,16 +14,22 @@ use crate::filters::{FilterTable, Listed};
 #[derive(Clone, Copy, Debug)]
 pub(super) struct BoxRecord {
     pub set: BoxSnapshot,
-    /// The box as it was sent: inflated, where it has a margin.
-    pub sent: Aabb,
     pub incarnation: u32,
 }
+
+/// An index, and the box that it had; with that as it was sent, where it has a margin.
+type Entry = (u32, Option<BoxRecord>);
+
+/// A line of the caches for each box.
+const _: () = assert!(size_of::<Entry>() == 64);
 
 /// What of a scene is, or was, another than in a second one: as it is in the first.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Delta {
     /// By index, each once; `None` where there was no box.
-    pub boxes: Vec<(u32, Option<BoxRecord>)>,
+    pub boxes: Vec<Entry>,
+    /// Each of them as it was sent; none of a scene without margins.
+    pub sent: Vec<Aabb>,
     pub listed: HashMap<Pair, Listed>,
     pub table: Option<FilterTable>,
 }
@@ -35,8 +41,16 @@ impl Delta {
 
     /// From a first scene by a second to a third: this one leads from the first to the second.
     pub fn then(mut self, later: Self) -> Self {
+        if self.is_empty() {
+            return later;
+        }
         let own: HashSet<u32> = self.boxes.iter().map(|(index, _)| *index).collect();
-        self.boxes.extend(later.boxes.into_iter().filter(|(index, _)| !own.contains(index)));
+        for (at, entry) in later.boxes.into_iter().enumerate() {
+            if !own.contains(&entry.0) {
+                self.boxes.push(entry);
+                self.sent.extend(later.sent.get(at));
+            }
+        }
         for (pair, listed) in later.listed {
             self.listed.entry(pair).or_insert(listed);
         }
@@ -45,7 +59,7 @@ impl Delta {
     }
 
     pub const fn allocated_bytes(&self) -> usize {
-        self.boxes.capacity() * size_of::<(u32, Option<BoxRecord>)>()
+        self.boxes.capacity() * size_of::<Entry>() + self.sent.capacity() * size_of::<Aabb>()
     }
 }
 
@@ -63,11 +77,13 @@ pub(super) struct Log {
     places: Vec<Place>,
     /// Not 0.
     epoch: u32,
+    /// Memory of a delta that is no longer needed.
+    spare: Vec<Entry>,
 }
 
 impl Default for Log {
     fn default() -> Self {
-        Self { delta: Delta::default(), places: Vec::new(), epoch: 1 }
+        Self { delta: Delta::default(), places: Vec::new(), epoch: 1, spare: Vec::new() }
     }
 }
 
@@ -85,6 +101,7 @@ impl Log {
 
     pub fn clear(&mut self) {
         self.delta.boxes.clear();
+        self.delta.sent.clear();
         self.delta.listed.clear();
         self.delta.table = None;
         self.forget_places();
@@ -93,7 +110,16 @@ impl Log {
     /// Gives the delta away.
     pub fn take(&mut self) -> Delta {
         self.forget_places();
-        std::mem::take(&mut self.delta)
+        let boxes = std::mem::take(&mut self.spare);
+        std::mem::replace(&mut self.delta, Delta { boxes, ..Delta::default() })
+    }
+
+    /// Keeps the memory of a delta for the next one.
+    pub fn recycle(&mut self, delta: Delta) {
+        if delta.boxes.capacity() > self.spare.capacity() {
+            self.spare = delta.boxes;
+            self.spare.clear();
+        }
     }
 
     /// Goes on with a delta.
@@ -118,19 +144,11 @@ impl Log {
         (place.epoch == self.epoch).then_some(place.at as usize)
     }
 
-    /// What the box of an index was, if that is noted.
-    pub fn get(&self, index: u32) -> Option<Option<BoxRecord>> {
-        self.place(index).map(|at| self.delta.boxes[at].1)
-    }
-
-    /// Says what the box of an index was.
-    pub fn set(&mut self, index: u32, record: Option<BoxRecord>) {
-        if let Some(at) = self.place(index) {
-            self.delta.boxes[at].1 = record;
-        } else {
-            self.note_place(index, self.delta.boxes.len());
-            self.delta.boxes.push((index, record));
-        }
+    /// Says what the box of an index was, which is not noted yet.
+    fn push(&mut self, entry: Entry, sent: Option<Aabb>) {
+        self.note_place(entry.0, self.delta.boxes.len());
+        self.delta.boxes.push(entry);
+        self.delta.sent.extend(sent);
     }
 
     /// Sets what a delta says, and returns what this one said of the same, or else what `replicas` say.
@@ -142,10 +160,19 @@ impl Log {
     ) -> Delta {
         let mut before = Delta::default();
         before.boxes.reserve(delta.boxes.len());
-        for &(index, record) in &delta.boxes {
-            let was = self.get(index).unwrap_or_else(|| record_of(index, replicas, incarnations));
-            before.boxes.push((index, was));
-            self.set(index, record);
+        for (at, &(index, record)) in delta.boxes.iter().enumerate() {
+            let sent = delta.sent.get(at).copied();
+            if let Some(own) = self.place(index) {
+                let was = std::mem::replace(&mut self.delta.boxes[own].1, record);
+                before.boxes.push((index, was));
+                if let Some((sent, own)) = sent.zip(self.delta.sent.get_mut(own)) {
+                    before.sent.push(std::mem::replace(own, sent));
+                }
+            } else {
+                before.boxes.push((index, record_of(index, replicas, incarnations)));
+                before.sent.extend(sent_of(index, replicas));
+                self.push((index, record), sent);
+            }
         }
         let rules = replicas.rules();
         for (&pair, &listed) in &delta.listed {
@@ -163,9 +190,11 @@ impl Log {
     pub fn note(&mut self, edit: Edit<'_>, replicas: &Replicas<'_>, incarnations: &Incarnations) {
         for step in edit.steps {
             if let Some(indices) = step.indices() {
+                self.delta.boxes.reserve(indices.len());
                 indices.for_each(|_, index| {
                     if self.place(index).is_none() {
-                        self.set(index, record_of(index, replicas, incarnations));
+                        let record = record_of(index, replicas, incarnations);
+                        self.push((index, record), sent_of(index, replicas));
                     }
                 });
             }
@@ -193,7 +222,9 @@ impl Log {
     }
 
     pub const fn allocated_bytes(&self) -> usize {
-        self.delta.allocated_bytes() + self.places.capacity() * size_of::<Place>()
+        self.delta.allocated_bytes()
+            + self.places.capacity() * size_of::<Place>()
+            + self.spare.capacity() * size_of::<Entry>()
     }
 }
 
@@ -204,6 +235,10 @@ pub(super) fn record_of(
     incarnations: &Incarnations,
 ) -> Option<BoxRecord> {
     let set = replicas.now.snapshot(index)?;
-    let sent = replicas.sent.and_then(|sent| sent.get(index)).unwrap_or(set.b);
-    Some(BoxRecord { set, sent, incarnation: incarnations.of(index) })
+    Some(BoxRecord { set, incarnation: incarnations.of(index) })
+}
+
+/// The box of an index as it was sent, of a scene with margins; anything where there is none.
+fn sent_of(index: u32, replicas: &Replicas<'_>) -> Option<Aabb> {
+    replicas.sent.map(|sent| sent.get(index).unwrap_or(Aabb::EMPTY))
 }

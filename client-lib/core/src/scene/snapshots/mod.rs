@@ -95,6 +95,8 @@ pub struct Snapshots {
     history: HistorySnapshot,
     /// What boxes were at the last acknowledged answer that have changed since; only with snapshots.
     since: Log,
+    /// Whether that is what the log says, which began with it: no box is noted twice then.
+    is_since_in_log: bool,
     /// Whether an edit was made since the last acknowledged answer.
     has_changed: bool,
     incarnations: Incarnations,
@@ -110,6 +112,7 @@ impl Default for Snapshots {
             log: Log::default(),
             history: HistorySnapshot::Unreported,
             since: Log::default(),
+            is_since_in_log: true,
             has_changed: false,
             incarnations: Incarnations::default(),
         }
@@ -141,9 +144,13 @@ impl Snapshots {
             HistorySnapshot::Lost => History::Lost,
             HistorySnapshot::Unreported => History::Unreported,
             HistorySnapshot::Reported(count) => {
-                History::Reported(count, self.since.delta().clone())
+                let since = if self.is_since_in_log { &self.log } else { &self.since };
+                History::Reported(count, since.delta().clone())
             }
         };
+        if !self.log.delta().is_empty() {
+            self.part_since();
+        }
         let mut previous = Vec::new();
         if let Some(head) = self.head.replace(id) {
             let before = self.log.take();
@@ -152,9 +159,17 @@ impl Snapshots {
             }
             previous.push(head);
         }
+        self.is_since_in_log |= self.since.delta().is_empty();
         let before = Delta::default();
         self.nodes.insert(id, Node { history: Some(history), before, next: None, previous });
         id
+    }
+
+    /// Has what changed since the last acknowledged answer in a log of its own.
+    fn part_since(&mut self) {
+        if std::mem::take(&mut self.is_since_in_log) {
+            self.since.put(self.log.delta().clone());
+        }
     }
 
     /// Forgets a snapshot. With the last one, edits cost nothing again.
@@ -168,6 +183,7 @@ impl Snapshots {
             self.nodes.clear();
             self.head = None;
             (self.log, self.since) = (Log::default(), Log::default());
+            self.is_since_in_log = true;
             self.incarnations = Incarnations::default();
         } else {
             self.let_go(id);
@@ -199,10 +215,12 @@ impl Snapshots {
                 node.before = own.then(gone.before);
             } else {
                 self.head = previous;
+                self.part_since();
                 let later = self.log.take();
                 self.log.put(own.then(later));
             }
         } else if let Some(next) = next {
+            self.log.recycle(gone.before);
             self.let_go(next);
         }
     }
@@ -212,12 +230,9 @@ impl Snapshots {
         if self.is_empty() || !edit.names_below(limit) {
             return;
         }
-        let logs = match self.history {
-            HistorySnapshot::Reported(_) => vec![&mut self.log, &mut self.since],
-            HistorySnapshot::Lost | HistorySnapshot::Unreported => vec![&mut self.log],
-        };
-        for log in logs {
-            log.note(edit, replicas, &self.incarnations);
+        self.log.note(edit, replicas, &self.incarnations);
+        if !self.is_since_in_log && matches!(self.history, HistorySnapshot::Reported(_)) {
+            self.since.note(edit, replicas, &self.incarnations);
         }
     }
 
@@ -232,14 +247,19 @@ impl Snapshots {
     /// Notes that an answer was acknowledged, which knew so many pairs: of all changes, or of all pairs.
     pub fn acknowledge(&mut self, pair_count: u64) {
         self.history = HistorySnapshot::Reported(pair_count);
-        self.since.clear();
         self.has_changed = false;
+        self.begin_since();
+    }
+
+    fn begin_since(&mut self) {
+        self.since.clear();
+        self.is_since_in_log = self.log.delta().is_empty();
     }
 
     /// Notes that it is not known any more what was reported.
     pub fn resync(&mut self) {
         self.history = HistorySnapshot::Lost;
-        self.since.clear();
+        self.begin_since();
     }
 
     /// Bytes that are allocated, but for those of listed pairs and tables of filters.

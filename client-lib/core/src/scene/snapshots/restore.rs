@@ -2,11 +2,11 @@
 
 use std::collections::{HashMap, HashSet};
 
-use super::super::edit::{FilterDataSets, Indices, Sets, Step};
+use super::super::edit::{Edit, FilterDataSets, Indices, Sets, Step, UserData, UserDataSets};
 use super::super::pair_list::Pair;
 use super::super::snapshot::{BoxSnapshot, HistorySnapshot};
 use super::super::store::are_same;
-use super::log::{BoxRecord, Delta};
+use super::log::Delta;
 use super::{History, Replicas, SnapshotId, Snapshots, UnknownSnapshot};
 use crate::aabb::Aabb;
 use crate::filters::{FilterData, FilterTable, Listed, Rules};
@@ -62,10 +62,8 @@ pub enum Then {
 #[derive(Debug, Default)]
 pub struct Phase {
     then: Option<Then>,
-    /// The boxes that it leads to.
-    target: Delta,
-    /// Whether it is the last one.
-    is_last: bool,
+    /// The boxes that it leads to, unless they are those of the snapshot: the last phase.
+    target: Option<Delta>,
     removed: Vec<u32>,
     set: Boxes,
     sent: Option<Boxes>,
@@ -73,6 +71,8 @@ pub struct Phase {
     made_static: [Vec<u32>; 2],
     filtered: Vec<u32>,
     filter_data: Vec<FilterData>,
+    marked: Vec<u32>,
+    user_data: Vec<UserData>,
     table: Option<FilterTable>,
     included: [Vec<Pair>; 2],
     excluded: [Vec<Pair>; 2],
@@ -119,6 +119,8 @@ impl Phase {
         }
         let (indices, filter_data) = (list(&self.filtered), &self.filter_data[..]);
         steps.push(Step::FilterData(FilterDataSets { indices, filter_data }));
+        let (indices, user_data) = (list(&self.marked), &self.user_data[..]);
+        steps.push(Step::UserData(UserDataSets { indices, user_data }));
         steps.extend(self.table.as_ref().map(Step::Filters));
         for on in [false, true] {
             steps.push(Step::Include(&self.included[usize::from(on)], on));
@@ -134,13 +136,13 @@ impl Phase {
     /// From the boxes as they are to a target. Where `renews`, boxes that are others of the same index are removed
     /// first, so that their pairs end and begin.
     fn to(
-        target: Delta,
+        target: &Delta,
         replicas: &Replicas<'_>,
         incarnations: &Incarnations,
         renews: bool,
     ) -> Self {
         let mut phase = Self { sent: replicas.sent.map(|_| Boxes::default()), ..Self::default() };
-        for &(index, record) in &target.boxes {
+        for (at, &(index, record)) in target.boxes.iter().enumerate() {
             let is = replicas.now.snapshot(index);
             let Some(record) = record else {
                 phase.removed.extend(is.map(|_| index));
@@ -151,43 +153,41 @@ impl Phase {
             if is.is_some() && is_another {
                 phase.removed.push(index);
             }
-            let sent = replicas.sent.and_then(|sent| sent.get(index)).filter(|_| stays.is_some());
-            phase.change(index, &record, stays, sent);
+            phase.change(index, &record.set, stays);
+            if let (Some(to), Some(sent), Some(is)) =
+                (&mut phase.sent, target.sent.get(at), replicas.sent)
+                && !is.get(index).is_some_and(|is| stays.is_some() && are_same(&is, sent))
+            {
+                to.push(index, *sent);
+            }
         }
-        phase.change_rules(&target, replicas.rules());
-        phase.target = target;
+        phase.change_rules(target, replicas.rules());
         phase
     }
 
-    /// Makes the box of an index what is recorded. `stays` is the one that it has, unless that is removed.
-    fn change(
-        &mut self,
-        index: u32,
-        record: &BoxRecord,
-        stays: Option<BoxSnapshot>,
-        sent_stays: Option<Aabb>,
-    ) {
-        let BoxSnapshot { b, is_on, filter_data } = record.set;
+    /// Makes the box of an index another one. `stays` is the one that it has, unless that is removed.
+    fn change(&mut self, index: u32, to: &BoxSnapshot, stays: Option<BoxSnapshot>) {
+        let BoxSnapshot { b, is_on, filter_data, user_data } = *to;
         if stays.is_none_or(|is| !are_same(&is.b, &b)) {
             self.set.push(index, b);
         }
-        if let Some(sent) = &mut self.sent
-            && sent_stays.is_none_or(|is| !are_same(&is, &record.sent))
-        {
-            sent.push(index, record.sent);
-        }
-        let inserted = BoxSnapshot { b, is_on: true, filter_data: FilterData::default() };
+        let of_none = FilterData::default();
+        let inserted = BoxSnapshot { b, is_on: true, filter_data: of_none, user_data: 0 };
         let is = stays.unwrap_or(inserted);
         if is.is_on != is_on {
             self.enabled[usize::from(is_on)].push(index);
         }
-        if is.is_static() != record.set.is_static() {
-            self.made_static[usize::from(record.set.is_static())].push(index);
+        if is.is_static() != to.is_static() {
+            self.made_static[usize::from(to.is_static())].push(index);
         }
         // Static flags have a step of their own.
         if is.filter_data.with_static(false) != filter_data.with_static(false) {
             self.filtered.push(index);
             self.filter_data.push(filter_data);
+        }
+        if is.user_data != user_data {
+            self.marked.push(index);
+            self.user_data.push(user_data.into());
         }
     }
 
@@ -229,6 +229,9 @@ impl Snapshots {
         while let Some(next) = way.last().and_then(|id| self.nodes.get(id)?.next) {
             way.push(next);
         }
+        if way.len() > 1 {
+            self.part_since();
+        }
         // From the end: each becomes the next one of the one that was its next.
         for pair in way.windows(2).rev() {
             let [here, later] = [pair[0], pair[1]];
@@ -250,38 +253,50 @@ impl Snapshots {
     /// after the last one.
     fn phase_to(&self, replicas: &Replicas<'_>, is_first: bool) -> Phase {
         let history = self.head.and_then(|head| self.nodes.get(&head)?.history.as_ref());
-        let to = |target: Delta, then, renews, is_last| {
-            let phase = Phase::to(target, replicas, &self.incarnations, renews);
-            Phase { then: Some(then), is_last, ..phase }
+        let by_way_of = |target: Delta, count| {
+            let phase = Phase::to(&target, replicas, &self.incarnations, false);
+            Phase { then: Some(Then::MarkReported(count)), target: Some(target), ..phase }
         };
-        let here = || self.log.delta().clone();
+        let to_snapshot = |then, renews| {
+            let phase = Phase::to(self.log.delta(), replicas, &self.incarnations, renews);
+            Phase { then: Some(then), ..phase }
+        };
         match (history, is_first) {
+            (Some(History::Reported(count, since)), true) if since.is_empty() => {
+                to_snapshot(Then::MarkReported(*count), false)
+            }
             (Some(History::Reported(count, since)), true) => {
-                let target = since.clone().then(here());
-                to(target, Then::MarkReported(*count), false, since.is_empty())
+                by_way_of(since.clone().then(self.log.delta().clone()), *count)
             }
             (Some(History::Unreported), true) if self.history != HistorySnapshot::Unreported => {
                 let all = (0..replicas.now.index_end()).map(|index| (index, None));
-                let target = Delta { boxes: all.collect(), ..Delta::default() };
-                to(target, Then::MarkReported(0), false, false)
+                by_way_of(Delta { boxes: all.collect(), ..Delta::default() }, 0)
             }
-            (Some(History::Unreported) | None, true) => to(here(), Then::Nothing, true, true),
-            (Some(History::Lost), true) => to(here(), Then::Resync, false, true),
-            (_, false) => to(here(), Then::Nothing, true, true),
+            (Some(History::Lost), true) => to_snapshot(Then::Resync, false),
+            _ => to_snapshot(Then::Nothing, true),
         }
     }
 
     /// The phases of the way back that was [begun](Self::begin_restore): the first one, or the one after another.
     pub fn next_phase(&self, replicas: &Replicas<'_>, last: Option<&Phase>) -> Option<Phase> {
         match last {
-            Some(phase) if phase.is_last => None,
+            Some(phase) if phase.target.is_none() => None,
             last => Some(self.phase_to(replicas, last.is_none())),
         }
     }
 
-    /// Notes that the edit of a phase was applied, which was [noted](Self::note) before.
+    /// Notes the edit of a phase that is about to be applied: what the boxes of the snapshot are.
+    pub fn note_phase(&mut self, phase: &Phase, replicas: &Replicas<'_>) {
+        let steps = phase.steps();
+        let edit = Edit { steps: &steps };
+        if phase.target.is_some() {
+            self.log.note(edit, replicas, &self.incarnations);
+        }
+    }
+
+    /// Notes that the edit of a phase was applied, which was [noted](Self::note_phase) before.
     pub fn end_phase(&mut self, phase: &Phase) {
-        for (index, record) in &phase.target.boxes {
+        for (index, record) in &phase.target.as_ref().unwrap_or(self.log.delta()).boxes {
             match record {
                 Some(record) => self.incarnations.set(*index, record.incarnation),
                 None => self.incarnations.renew(*index),
@@ -292,7 +307,7 @@ impl Snapshots {
             Then::Resync => self.resync(),
             Then::Nothing => {}
         }
-        if !phase.is_last {
+        if phase.target.is_some() {
             return;
         }
         self.log.clear();
@@ -302,6 +317,7 @@ impl Snapshots {
             _ => Delta::default(),
         };
         self.has_changed = !since.is_empty();
+        self.is_since_in_log = since.is_empty();
         self.since.put(since);
         if matches!(history, Some(History::Unreported)) {
             self.history = HistorySnapshot::Unreported;

@@ -96,7 +96,11 @@ fn any_snapshot_is_reached_from_any_other() {
                     snapshots.begin_restore(id, &replicas(&copy)).expect("a snapshot");
                     let mut last = None;
                     while let Some(phase) = snapshots.next_phase(&replicas(&copy), last.as_ref()) {
-                        apply(&mut copy, &mut snapshots, &phase.steps());
+                        snapshots.note_phase(&phase, &replicas(&copy));
+                        let steps = phase.steps();
+                        copy.check(Edit { steps: &steps }).expect("a right edit");
+                        copy.apply(Edit { steps: &steps });
+                        snapshots.note_applied(Edit { steps: &steps });
                         snapshots.end_phase(&phase);
                         last = Some(phase);
                     }

@@ -43,6 +43,7 @@ impl Roster {
             self.states.remove(index);
             self.mark(index, MARK_REMOVES);
         });
+        self.states.drop_user_data(edit);
         self.states.insert_all(edit);
         apply_rules(edit, self);
         for [index, mark] in &mut self.marks {
