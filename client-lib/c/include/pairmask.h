@@ -620,6 +620,10 @@ pm_code pm_scene_make_static(pm_scene scene, pm_indices indices, bool is_static)
 // answered.
 pm_code pm_scene_set_filter(pm_scene scene, pm_indices indices, const pm_filter_data *filter_data, size_t n);
 
+// Gives boxes user data, one for each index: numbers of the program's own, which change nothing that is reported. A box
+// that is inserted has 0. The arrays are read where they lie, until the edit is answered.
+pm_code pm_scene_set_user_data(pm_scene scene, pm_indices indices, const uint64_t *user_data, size_t n);
+
 // The filters that filter data names, in place of all before. They are copied.
 pm_code pm_scene_filter_table(pm_scene scene, const pm_filter *filters, size_t n);
 
@@ -655,6 +659,12 @@ pm_code pm_scene_resync(pm_scene scene);
 // The box of an index, also of a disabled one; `PM_ERR_ABSENT` where there is none. The scene's answer stays;
 // an edit under way is not waited for any more.
 pm_code pm_scene_get(pm_scene scene, uint32_t index, pm_box *b);
+
+// The user data of indices, such as both of each pair of a list: `user_data` is set to as many numbers, as an array that
+// lives until the scene is asked for user data again, or dropped. That of a removed box stays until another has its index, or
+// the scene goes back to a snapshot: so pairs that ended have theirs. Of a shared scene, that of other members' boxes is known
+// as of the last answer. The scene's answer stays.
+pm_code pm_scene_get_user_data(pm_scene scene, const uint32_t *indices, size_t n, const uint64_t **user_data);
 
 // Facts about a scene, whose answer stays as with `pm_scene_get`. Set `info->struct_size` first.
 pm_code pm_scene_get_info(pm_scene scene, pm_scene_info *info);

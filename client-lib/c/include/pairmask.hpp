@@ -405,6 +405,16 @@ public:
   Result<Done> set_filter(Indices indices, Span<const FilterData> filter_data) {
     return detail::done(pm_scene_set_filter(get(), indices, filter_data.data(), filter_data.size()));
   }
+  // Gives boxes user data, one for each index: pm_scene_set_user_data.
+  Result<Done> set_user_data(Indices indices, Span<const std::uint64_t> user_data) {
+    return detail::done(pm_scene_set_user_data(get(), indices, user_data.data(), user_data.size()));
+  }
+  // The user data of indices: pm_scene_get_user_data. They live until the next call.
+  Result<Span<const std::uint64_t>> user_data(Span<const std::uint32_t> indices) {
+    const std::uint64_t *found = nullptr;
+    const pm_code code = pm_scene_get_user_data(get(), indices.data(), indices.size(), &found);
+    return detail::made<Span<const std::uint64_t>>(code, Span<const std::uint64_t>(found, indices.size()));
+  }
   // The filters that filter data names, in place of all before: pm_scene_filter_table.
   Result<Done> filter_table(Span<const Filter> filters) {
     return detail::done(pm_scene_filter_table(get(), filters.data(), filters.size()));

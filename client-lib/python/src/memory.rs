@@ -23,6 +23,9 @@ impl Number for f32 {
 impl Number for u32 {
     const DTYPE: &'static str = "u4";
 }
+impl Number for u64 {
+    const DTYPE: &'static str = "u8";
+}
 // Numpy reads a truth value as a byte; arrays of them are never written by Python.
 impl Number for bool {
     const DTYPE: &'static str = "?";

@@ -182,6 +182,22 @@ def test_origins_that_shift(session: pairmask.Session) -> None:
         scene.shift_origin([1e9, 0, 0])
 
 
+def test_user_data(session: pairmask.Session) -> None:
+    boxes = oracle.boxes_of(300, 5)
+    scene = session.scene()
+    given = np.arange(300, dtype=np.uint64) * 3 + 2**63
+    begun = scene.edit().set(range(300), boxes).set_user_data(range(300), given).commit().begun
+    assert len(begun) > 9
+    assert (scene.user_data(begun) == given[begun]).all()
+    scene.edit().set_user_data([7, 9], 5).remove(8).commit()
+    assert scene.user_data(range(7, 11)).tolist() == [5, given[8], 5, given[10]]
+    assert scene.user_data(8).shape == ()
+    with pytest.raises(pairmask.PairmaskError, match="give one for each"):
+        scene.edit().set_user_data([1, 2], [1, 2, 3]).commit()
+    with pytest.raises((ValueError, TypeError)):
+        scene.edit().set_user_data([1], [-1])
+
+
 def test_snapshots(session: pairmask.Session) -> None:
     boxes = oracle.boxes_of(300, 5)
     scene = session.scene()

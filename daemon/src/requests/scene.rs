@@ -10,8 +10,7 @@ use pairmask_core::scene::{Edit, Reported, SceneError, SceneOptions};
 use pairmask_core::{EngineChoice, EngineName};
 use pairmask_wire::{
     EditScratch, ReplyFields, SceneAnswerLayout, SceneId, SceneRequest, TickMarks, TickNotes,
-    response_scene,
-    response_scene_ended,
+    response_scene, response_scene_ended,
 };
 
 use super::asked::Asked;

@@ -73,10 +73,9 @@ impl Group {
                 indices: self.named(),
                 filter_data: &self.filter_data,
             }),
-            Op::UserData(..) => Step::UserData(UserDataSets {
-                indices: self.named(),
-                user_data: &self.user_data,
-            }),
+            Op::UserData(..) => {
+                Step::UserData(UserDataSets { indices: self.named(), user_data: &self.user_data })
+            }
             Op::Filters(_) => Step::Filters(&self.table),
             Op::Include(_, on) => Step::Include(&self.pairs, *on),
             Op::Exclude(_, on) => Step::Exclude(&self.pairs, *on),

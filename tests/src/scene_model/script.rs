@@ -246,10 +246,9 @@ impl fmt::Display for Script {
                     writeln!(f, "    Event::Join({member}, Scope::{scope:?}),")?;
                 }
                 Event::Leave(member) => writeln!(f, "    Event::Leave({member}),")?,
-                Event::Invalidate
-                | Event::Snapshot(_)
-                | Event::Restore(_)
-                | Event::Forget(_) => writeln!(f, "    Event::{event:?},")?,
+                Event::Invalidate | Event::Snapshot(_) | Event::Restore(_) | Event::Forget(_) => {
+                    writeln!(f, "    Event::{event:?},")?
+                }
                 Event::Tick(turns) => {
                     writeln!(f, "    Event::Tick(vec![")?;
                     for Turn { member, ops, mode, fate } in turns {

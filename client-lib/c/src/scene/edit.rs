@@ -122,6 +122,16 @@ pub extern "C" fn pm_scene_set_filter(
 }
 
 #[unsafe(no_mangle)]
+pub extern "C" fn pm_scene_set_user_data(
+    scene: pm_scene,
+    indices: pm_indices,
+    user_data: In<u64>,
+    n: usize,
+) -> pm_code {
+    add(scene, || Ok(Given::UserData(indices.read()?, user_data.array(n)?)))
+}
+
+#[unsafe(no_mangle)]
 pub extern "C" fn pm_scene_filter_table(
     scene: pm_scene,
     filters: In<pm_filter>,

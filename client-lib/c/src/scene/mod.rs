@@ -47,14 +47,16 @@ pub struct Scene {
     /// What the last query has found, and the last cast.
     found: Vec<[u32; 2]>,
     hits: Vec<Hit>,
+    /// User data that were asked for last.
+    user_data: Vec<u64>,
     /// What this member had leased when it was asked last.
     leases: Vec<pm_range>,
 }
 
 impl Scene {
     fn new(scene: pairmask::Scene) -> Self {
-        let (lists, found, hits, leases) = Default::default();
-        Self { state: State::new(scene), lists, found, hits, leases }
+        let (lists, found, hits, user_data, leases) = Default::default();
+        Self { state: State::new(scene), lists, found, hits, user_data, leases }
     }
 }
 
@@ -186,6 +188,25 @@ pub extern "C" fn pm_scene_get(scene: pm_scene, index: u32, b: Out<pm_box>) -> p
     b.give(|| {
         let found = scene.with(|scene| scene.state.look(|scene| scene.get(index)))?;
         found.map(cast).ok_or(Failure::new(PM_ERR_ABSENT, "the index has no box"))
+    })
+}
+
+#[unsafe(no_mangle)]
+pub extern "C" fn pm_scene_get_user_data(
+    scene: pm_scene,
+    indices: In<u32>,
+    n: usize,
+    user_data: Out<*const u64>,
+) -> pm_code {
+    user_data.give(|| {
+        let indices = indices.array(n)?;
+        scene.with(|Scene { state, user_data, .. }| {
+            state.look(|scene| {
+                user_data.clear();
+                user_data.extend(indices.iter().map(|index| scene.user_data(*index)));
+            })?;
+            Ok(raw(user_data).0)
+        })
     })
 }
 

@@ -396,6 +396,19 @@ static void scenes(pm_session session) {
   EXPECT(PM_OK, pm_scene_shift_origin(scene, back));
   changes(scene, *expected, 0, 0, 0); /* no pair has begun or ended */
 
+  const uint64_t given[2] = {77, UINT64_MAX};
+  const uint64_t *user_data = NULL;
+  const uint32_t asked[3] = {9, 7, 8};
+  const uint32_t named[2] = {7, 9};
+  const pm_indices marked = {PM_INDICES_LIST, 0, 2, named};
+  EXPECT(PM_OK, pm_scene_set_user_data(scene, marked, given, 2));
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_REPORT_NOTHING, NULL));
+  EXPECT(PM_OK, pm_scene_get_user_data(scene, asked, 3, &user_data));
+  CHECK(user_data[0] == UINT64_MAX && user_data[1] == 77 && user_data[2] == 0);
+  EXPECT(PM_OK, pm_scene_set_user_data(scene, marked, given, 1));
+  EXPECT(PM_ERR_LENGTHS, pm_scene_commit(scene, PM_REPORT_NOTHING, NULL));
+  EXPECT(PM_ERR_ARGUMENT, pm_scene_get_user_data(scene, NULL, 3, &user_data));
+
   uint64_t snapshot;
   EXPECT(PM_OK, pm_scene_take_snapshot(scene, &snapshot));
   CHECK(snapshot != 0);

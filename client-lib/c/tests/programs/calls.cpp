@@ -110,6 +110,10 @@ void scenes(pm::Session &session) {
   CHECK(session.load_scene(path).value().query(std::vector<pm::Box>{at(0)}).value().size() == 2);
   CHECK(std::remove(path) == 0);
   CHECK(session.load_scene(path).error().code() == PM_ERR_SCENE_FILE);
+  const std::vector<std::uint64_t> given = {77, 99};
+  scene.set_user_data(pm::range(7, 2), given).value();
+  scene.commit(PM_REPORT_NOTHING).value();
+  CHECK(scene.user_data(std::vector<std::uint32_t>{8, 7}).value()[0] == 99);
   const std::uint64_t snapshot = scene.snapshot().value();
   scene.shift_origin(64, 0, 0).value();
   scene.restore(snapshot).value();

@@ -152,6 +152,20 @@ def indices(given: Any) -> Any:
     return integers(np.atleast_1d(array), "uint32")
 
 
+def flat_indices(given: Any) -> Any:
+    """Indices of any shape in one row, and their shape."""
+    array = _array(given)
+    if array.dtype.kind == "b" and array.ndim == 1:
+        array = np.flatnonzero(array)
+    return integers(array.reshape(-1), "uint32"), array.shape
+
+
+def user_data(given: Any, n: int) -> Any:
+    """User data of `n` boxes: an integer for all, or one for each."""
+    array = integers(given, "uint64")
+    return _in_rows(np.broadcast_to(array, n) if array.ndim == 0 else array, np.uint64)
+
+
 def pairs(given: Any) -> Any:
     """Pairs of indices as uint32 in one row; a single pair may come without the brackets around it."""
     array = _array(given)

@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 
 use super::edited::{Edited, Ticket};
 use super::ops::{Named, NamedMargins, Op};
-use crate::arrays::{Pairs, Rows};
+use crate::arrays::{Pairs, Rows, numbers};
 use crate::guarded::Guarded;
 use crate::rules::{Part, PyFilterTable, filter_data};
 use crate::session::one_of;
@@ -93,6 +93,18 @@ impl PyEdit {
         let filter_data =
             filter_data(slf.py(), Some(indices.len()), [world, owner, filter, is_static])?;
         add(slf, Op::FilterData(indices, filter_data))
+    }
+
+    /// Gives boxes user data, a number for all or one for each (n): integers of 64 bits, which change nothing that is
+    /// reported.
+    fn set_user_data<'py>(
+        slf: Bound<'py, Self>,
+        indices: Named,
+        user_data: &Bound<'_, PyAny>,
+    ) -> Added<'py> {
+        let given = imported!(slf.py(), "pairmask._convert", "user_data")?;
+        let user_data = numbers(&given.call1((user_data, indices.len()))?)?;
+        add(slf, Op::UserData(indices, user_data))
     }
 
     /// The filters that filter data names, in place of all before.

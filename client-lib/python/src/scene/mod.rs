@@ -27,7 +27,7 @@ use self::answer::Indices;
 use self::asked::{filter_data_of, filters, hits_of, rays, shapes};
 pub use self::edit::{PyEdit, PyPendingAnswer};
 pub use self::edited::Edited;
-use crate::arrays::Rows;
+use crate::arrays::{Rows, numbers};
 use crate::errors::{invalid, raised};
 use crate::guarded::Guarded;
 use crate::memory::Array;
@@ -198,6 +198,21 @@ impl PyScene {
     /// a `PairmaskError`, and the scene is what it was.
     fn shift_origin(&self, py: Python<'_>, by: [f32; 3]) -> PyResult<()> {
         self.with_detached(py, |scene| scene.shift_origin(by))
+    }
+
+    /// The user data of indices, in an array of their shape, such as (n, 2) of pairs. That of a removed box stays until
+    /// another has its index, or the scene goes back to a snapshot.
+    fn user_data<'py>(
+        &self,
+        py: Python<'py>,
+        indices: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let flat = imported!(py, "pairmask._convert", "flat_indices")?.call1((indices,))?;
+        let (indices, shape): (Bound<'py, PyAny>, Bound<'py, PyAny>) = flat.extract()?;
+        let indices: Vec<u32> = numbers(&indices)?;
+        let of = |scene: &mut Scene| indices.iter().map(|i| [scene.user_data(*i)]).collect();
+        let found: Vec<[u64; 1]> = self.with(py, of)?;
+        Array::read_only(found).into_pyobject(py)?.call_method1("reshape", (shape,))
     }
 
     /// Takes a snapshot of the scene, and returns its number. From then on each edit copies what it changes.

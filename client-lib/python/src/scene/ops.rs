@@ -69,6 +69,7 @@ pub enum Op {
     Enable(Named, bool),
     Static(Named, bool),
     FilterData(Named, Vec<FilterData>),
+    UserData(Named, Vec<u64>),
     Filters(Arc<FilterTable>),
     Include(Vec<[u32; 2]>, bool),
     Exclude(Vec<[u32; 2]>, bool),
@@ -91,6 +92,7 @@ impl Op {
             Self::FilterData(named, filter_data) => {
                 edit.set_all_filters(named.indices(), filter_data)
             }
+            Self::UserData(named, user_data) => edit.set_all_user_data(named.indices(), user_data),
             Self::Filters(table) => edit.filter_table(table),
             Self::Include(pairs, on) => edit.include(pairs, *on),
             Self::Exclude(pairs, on) => edit.exclude(pairs, *on),

@@ -151,11 +151,6 @@ impl SceneAnswer<'_> {
         }
     }
 
-    /// The user data of the boxes of a pair, also of one that ended: see [`Scene::user_data`].
-    pub fn user_data(&self, pair: [u32; 2]) -> [u64; 2] {
-        pair.map(|index| self.scene.user_data(index))
-    }
-
     /// Which answer was asked for.
     pub const fn report(&self) -> Report {
         self.report

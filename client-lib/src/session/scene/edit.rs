@@ -166,8 +166,23 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
     }
 
     /// Gives a box user data: a number of the program's own, such as the index of a body. It changes nothing that is
-    /// reported. [`Scene::user_data`] and [`SceneAnswer::user_data`] return it, of a shared scene that of other members'
-    /// boxes too. A box that is inserted has 0.
+    /// reported. [`Scene::user_data`] returns it, of a shared scene that of other members' boxes too. A box that is
+    /// inserted has 0.
+    ///
+    /// ```
+    /// use pairmask::{Aabb, Backend, Report, SceneOptions, Session};
+    ///
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
+    /// let mut scene = session.scene(SceneOptions::default())?;
+    /// let at = |x: f32| Aabb::new([x; 3], [x + 1.0; 3]);
+    /// let edit = scene.edit().set(3, at(0.0)).set(7, at(0.5)).set_all_user_data(&[3, 7], &[100, 200]);
+    /// let answer = edit.commit(Report::Changes)?;
+    /// let bodies = answer.begun().iter().map(|pair| pair.map(|i| answer.scene().user_data(i)));
+    /// assert_eq!(bodies.collect::<Vec<_>>(), [[100, 200]]);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn set_user_data(self, index: u32, user_data: u64) -> Self {
         self.set_all_user_data(one(index), &[user_data])
     }

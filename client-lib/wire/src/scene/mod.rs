@@ -28,6 +28,6 @@ pub use query::QueryRequest;
 pub use request::{SceneId, SceneRequest};
 pub use shared::{
     AgreedTerms, JoinRequest, LONGEST_TICK, LeaseAction, LeaseRequest, SceneName, SceneNameError,
-    SharedTerms, TermsDiffer, TickMarks, TickNotes, lease_detail, lease_error, not_leased, not_leased_detail,
-    parse_joined, parse_leased, response_joined, response_leased,
+    SharedTerms, TermsDiffer, TickMarks, TickNotes, lease_detail, lease_error, not_leased,
+    not_leased_detail, parse_joined, parse_leased, response_joined, response_leased,
 };

@@ -492,7 +492,9 @@ impl TickMarks {
         header.detail[1] = self.tick;
         header.sections[4] = Section::of_words(SectionKind::LateRanges, self.late);
         if self.user_data.len > 0 {
-            header.sections[5] = Section::of_words(SectionKind::UserData, self.user_data);
+            // Clients of before 1.13 do not know it, and need not.
+            let section = Section::of_words(SectionKind::UserData, self.user_data);
+            header.sections[5] = Section { flags: 0, ..section };
         }
         header
     }
@@ -504,9 +506,10 @@ impl TickMarks {
     pub fn parse(header: &ResponseHeader, payload_bytes: u64) -> Result<Self, ReplyError> {
         let late = find(&header.sections, SectionKind::LateRanges, 8, payload_bytes);
         let late = late.ok_or(ReplyError::Malformed { field: "late ranges" })?;
-        let mut user_data = Span { start: 0, len: 0 };
+        let mut user_data = Span { start: late.span().start + late.span().len, len: 0 };
         if has(&header.sections, SectionKind::UserData) {
-            let found = find(&header.sections, SectionKind::UserData, 4 * MARKED_WORDS, payload_bytes);
+            let found =
+                find(&header.sections, SectionKind::UserData, 4 * MARKED_WORDS, payload_bytes);
             user_data = found.ok_or(ReplyError::Malformed { field: "user data" })?.span();
         }
         Ok(Self { tick: header.detail[1], late: late.span(), user_data })

@@ -7,6 +7,7 @@ use pairmask_core::engine::{EngineChoice, EngineId, EngineName};
 use pairmask_core::filters::{Filter, FilterData, FilterId, FilterTable, Owner, World};
 use pairmask_core::scene::{
     Edit, EndReason, Ended, FilterDataSets, Indices, Report, Scene, SceneOptions, Sets, Step,
+    UserData, UserDataSets,
 };
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
@@ -191,6 +192,39 @@ fn golden_rules() {
 }
 
 #[test]
+fn golden_user_data() {
+    let user_data = [7u64, 1 << 40 | 2].map(UserData::from);
+    let marked = Step::UserData(UserDataSets { indices: (3..5).into(), user_data: &user_data });
+    let (layout, payload) = written(&[marked]);
+    let words: &[u32] = bytemuck::cast_slice(&payload);
+    assert_eq!(words[..4], [7, 0, 2, 1 << 8]);
+    assert_eq!(words[16..22], [13, 2, 3, 2, 0, 0]);
+    let mut scratch = EditScratch::default();
+    let read = scratch.read(&request(&layout, 10), &payload).unwrap();
+    assert_eq!(format!("{read:?}"), format!("{:?}", [marked]));
+    assert_eq!(user_data.map(u64::from), [7, 1 << 40 | 2]);
+}
+
+#[test]
+fn pairs_that_count_as_reported_are_said_in_the_header() {
+    let layout = EditLayout::of(Edit::NONE).unwrap();
+    let request = |reported| SceneRequest { reported, ..request(&layout, 10) };
+    for reported in [None, Some(0), Some(7 << 32 | 5), Some((1 << 63) - 1)] {
+        let header = RequestHeader::edit_scene(TOKEN, 1, &request(reported));
+        let count = reported.unwrap_or(0);
+        assert_eq!([header.flags, header.iterate_threads], [count as u32, (count >> 32) as u32]);
+        assert_eq!(header.scene_flags & 4 != 0, reported.is_some());
+        let parsed = Request::parse(&header, 4096);
+        assert_eq!(parsed, Ok(Request::EditScene(request(reported))));
+    }
+    for count in [1 << 63, u64::MAX] {
+        let header = RequestHeader::edit_scene(TOKEN, 1, &request(Some(count)));
+        let refused = Err(Reject::Edit("reported pairs"));
+        assert_eq!(Request::parse(&header, 4096), refused, "more than any scene has");
+    }
+}
+
+#[test]
 fn forged_rules_are_refused() {
     let table = table();
     let (layout, payload) = written(&[Step::Filters(&table), Step::Filters(&table)]);
@@ -207,7 +241,7 @@ fn forged_rules_are_refused() {
     for (number, step) in steps.iter().enumerate() {
         let (layout, payload) = written(std::slice::from_ref(step));
         let request = request(&layout, 10);
-        for (word, value) in [(3, u32::MAX), (5, 1 << 30), (5, u32::MAX), (0, 13), (0, 0), (3, 70)]
+        for (word, value) in [(3, u32::MAX), (5, 1 << 30), (5, u32::MAX), (0, 14), (0, 0), (3, 70)]
         {
             let mut payload = payload.clone();
             let records = (request.steps.offset / 4) as usize;
@@ -360,7 +394,7 @@ proptest! {
     #[test]
     fn arbitrary_records_are_refused_or_stay_within_the_payload(
         seed in proptest::collection::vec(any::<u32>(), 64),
-        small in proptest::collection::vec(0u32..9, 64),
+        small in proptest::collection::vec(0u32..14, 64),
         choose in proptest::collection::vec(any::<bool>(), 64),
         most_boxes in 0u32..200,
         records in 0u64..5,
@@ -393,6 +427,10 @@ proptest! {
                 Step::Remove(i) | Step::Enable(i, _) | Step::Static(i, _) => i.len(),
                 Step::FilterData(FilterDataSets { indices, filter_data }) => {
                     assert_eq!(indices.len(), filter_data.len());
+                    indices.len()
+                }
+                Step::UserData(UserDataSets { indices, user_data }) => {
+                    assert_eq!(indices.len(), user_data.len());
                     indices.len()
                 }
                 _ => 0,

@@ -16,9 +16,9 @@ use pairmask_core::scene::{
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
     AgreedTerms, CullRequest, JoinRequest, LeaseAction, LeaseRequest, Page, QueryRequest,
-    ReplyFields, Request, RequestHeader, ResponseHeader, SceneAnswerLayout, SceneId, SceneName,
-    SceneRequest, SceneSections, SharedTerms, TickMarks, parse_joined, parse_leased,
-    response_joined, response_leased, response_scene,
+    ReplyError, ReplyFields, Request, RequestHeader, ResponseHeader, SceneAnswerLayout, SceneId,
+    SceneName, SceneRequest, SceneSections, SharedTerms, TickMarks, TickNotes, parse_joined,
+    parse_leased, response_joined, response_leased, response_scene,
 };
 
 use crate::scenes::{self, written};
@@ -238,14 +238,31 @@ fn golden_answers_of_shared_scenes() {
     let reported = scene.edit(Edit { steps: &steps }, Report::Changes).unwrap();
     let layout = SceneAnswerLayout::of(reported);
     let late = [10..20, 40..41];
-    let marks = TickMarks::after(&layout, 77, &late);
+    let notes = TickNotes { tick: 77, late: &late, user_data: &[] };
+    let marks = TickMarks::after(&layout, &notes);
     let (engine, times) = (EngineName::CpuGrid, StageTimes::default());
     let header = marks.mark(response_scene(&ASKED, engine, 1, reported, 4_096, &times));
     // Its pair count is that of the whole scene.
     compare(&header, 2, [4_096, 77, 0, 0], &[(4, [4 * layout.words(), 16])]);
     let mut words = vec![0; marks.words() as usize];
-    marks.write(&late, &mut words);
+    marks.write(&notes, &mut words);
     assert_eq!(words[layout.words() as usize..], [10, 20, 40, 41]);
     assert_eq!(TickMarks::parse(&header, 4 * marks.words()), Ok(marks));
     assert_eq!(marks.late_in(&words), late);
+    assert_eq!(marks.user_data_in(&words).count(), 0);
+
+    let notes = TickNotes { user_data: &[(9, 7 << 32 | 3), (4, 0)], ..notes };
+    let marks = TickMarks::after(&layout, &notes);
+    let header = marks.mark(response_scene(&ASKED, engine, 1, reported, 4_096, &times));
+    let mut words = vec![0; marks.words() as usize];
+    marks.write(&notes, &mut words);
+    assert_eq!(words[layout.words() as usize..], [10, 20, 40, 41, 9, 3, 7, 4, 0, 0]);
+    let section = header.sections[5];
+    // Clients that do not know it pass over it.
+    assert_eq!((section.kind, section.flags, section.bytes), (29, 0, 24));
+    assert_eq!(TickMarks::parse(&header, 4 * marks.words()), Ok(marks));
+    assert!(marks.user_data_in(&words).eq(notes.user_data.iter().copied()));
+    let short = TickMarks::parse(&header, 4 * marks.words() - 4);
+    assert_eq!(short, Err(ReplyError::Malformed { field: "user data" }));
+    assert_eq!(marks.user_data_in(&words[..4]).count(), 0, "nothing beyond the words");
 }

@@ -180,15 +180,19 @@ impl AppliedTick {
 
     pub fn answer(self, outbox: &Outbox) {
         let Self { number, late, answer, answers } = self;
-        for_each(answers, answer.threads, |Answer { recipient, mut commit, reported, user_data }| {
-            let tick = Some(TickNotes { tick: number, late: &late, user_data: &user_data });
-            let sent = reported
-                .and_then(|reported| answer.send(&mut commit.open, &reported, tick, outbox));
-            if let Err(refusal) = sent {
-                recipient.resync();
-                outbox.refuse(&mut commit.open, &refusal);
-            }
-            commit.open.close();
-        });
+        for_each(
+            answers,
+            answer.threads,
+            |Answer { recipient, mut commit, reported, user_data }| {
+                let tick = Some(TickNotes { tick: number, late: &late, user_data: &user_data });
+                let sent = reported
+                    .and_then(|reported| answer.send(&mut commit.open, &reported, tick, outbox));
+                if let Err(refusal) = sent {
+                    recipient.resync();
+                    outbox.refuse(&mut commit.open, &refusal);
+                }
+                commit.open.close();
+            },
+        );
     }
 }

@@ -1,6 +1,6 @@
 //! What boxes and rules were before they changed.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 
 use super::super::edit::{Edit, Step};
 use super::super::pair_list::Pair;
@@ -40,13 +40,13 @@ impl Delta {
     }
 
     /// From a first scene by a second to a third: this one leads from the first to the second.
-    pub fn then(mut self, later: Self) -> Self {
+    pub fn then(mut self, later: Self, places: &mut Places) -> Self {
         if self.is_empty() {
             return later;
         }
-        let own: HashSet<u32> = self.boxes.iter().map(|(index, _)| *index).collect();
+        places.note_all(&self);
         for (at, entry) in later.boxes.into_iter().enumerate() {
-            if !own.contains(&entry.0) {
+            if places.of(entry.0).is_none() {
                 self.boxes.push(entry);
                 self.sent.extend(later.sent.get(at));
             }
@@ -63,28 +63,66 @@ impl Delta {
     }
 }
 
-/// Where a box stands in the delta, if its epoch is that of the log.
+/// Where the boxes of a delta stand in it.
+#[derive(Debug)]
+pub(super) struct Places {
+    of: Vec<Place>,
+    /// Not 0.
+    epoch: u32,
+}
+
+/// A place of the delta of an epoch.
 #[derive(Clone, Copy, Debug, Default)]
 struct Place {
     epoch: u32,
     at: u32,
 }
 
-/// A delta that grows by what edits are about to change.
-#[derive(Debug)]
-pub(super) struct Log {
-    delta: Delta,
-    places: Vec<Place>,
-    /// Not 0.
-    epoch: u32,
-    /// Memory of a delta that is no longer needed.
-    spare: Vec<Entry>,
+impl Default for Places {
+    fn default() -> Self {
+        Self { of: Vec::new(), epoch: 1 }
+    }
 }
 
-impl Default for Log {
-    fn default() -> Self {
-        Self { delta: Delta::default(), places: Vec::new(), epoch: 1, spare: Vec::new() }
+impl Places {
+    fn clear(&mut self) {
+        self.epoch = self.epoch.checked_add(1).unwrap_or_else(|| {
+            self.of.fill(Place::default());
+            1
+        });
     }
+
+    fn note_all(&mut self, delta: &Delta) {
+        self.clear();
+        for (at, (index, _)) in delta.boxes.iter().enumerate() {
+            self.note(*index, at);
+        }
+    }
+
+    fn note(&mut self, index: u32, at: usize) {
+        if self.of.len() <= index as usize {
+            self.of.resize(index as usize + 1, Place::default());
+        }
+        self.of[index as usize] = Place { epoch: self.epoch, at: at as u32 };
+    }
+
+    fn of(&self, index: u32) -> Option<usize> {
+        let place = self.of.get(index as usize)?;
+        (place.epoch == self.epoch).then_some(place.at as usize)
+    }
+
+    pub const fn allocated_bytes(&self) -> usize {
+        self.of.capacity() * size_of::<Place>()
+    }
+}
+
+/// A delta that grows by what edits are about to change.
+#[derive(Debug, Default)]
+pub(super) struct Log {
+    delta: Delta,
+    places: Places,
+    /// Memory of a delta that is no longer needed.
+    spare: Vec<Entry>,
 }
 
 impl Log {
@@ -92,24 +130,17 @@ impl Log {
         &self.delta
     }
 
-    fn forget_places(&mut self) {
-        self.epoch = self.epoch.checked_add(1).unwrap_or_else(|| {
-            self.places.fill(Place::default());
-            1
-        });
-    }
-
     pub fn clear(&mut self) {
         self.delta.boxes.clear();
         self.delta.sent.clear();
         self.delta.listed.clear();
         self.delta.table = None;
-        self.forget_places();
+        self.places.clear();
     }
 
     /// Gives the delta away.
     pub fn take(&mut self) -> Delta {
-        self.forget_places();
+        self.places.clear();
         let boxes = std::mem::take(&mut self.spare);
         std::mem::replace(&mut self.delta, Delta { boxes, ..Delta::default() })
     }
@@ -124,29 +155,13 @@ impl Log {
 
     /// Goes on with a delta.
     pub fn put(&mut self, delta: Delta) {
-        self.forget_places();
+        self.places.note_all(&delta);
         self.delta = delta;
-        for at in 0..self.delta.boxes.len() {
-            let index = self.delta.boxes[at].0;
-            self.note_place(index, at);
-        }
-    }
-
-    fn note_place(&mut self, index: u32, at: usize) {
-        if self.places.len() <= index as usize {
-            self.places.resize(index as usize + 1, Place::default());
-        }
-        self.places[index as usize] = Place { epoch: self.epoch, at: at as u32 };
-    }
-
-    fn place(&self, index: u32) -> Option<usize> {
-        let place = self.places.get(index as usize)?;
-        (place.epoch == self.epoch).then_some(place.at as usize)
     }
 
     /// Says what the box of an index was, which is not noted yet.
     fn push(&mut self, entry: Entry, sent: Option<Aabb>) {
-        self.note_place(entry.0, self.delta.boxes.len());
+        self.places.note(entry.0, self.delta.boxes.len());
         self.delta.boxes.push(entry);
         self.delta.sent.extend(sent);
     }
@@ -162,7 +177,7 @@ impl Log {
         before.boxes.reserve(delta.boxes.len());
         for (at, &(index, record)) in delta.boxes.iter().enumerate() {
             let sent = delta.sent.get(at).copied();
-            if let Some(own) = self.place(index) {
+            if let Some(own) = self.places.of(index) {
                 let was = std::mem::replace(&mut self.delta.boxes[own].1, record);
                 before.boxes.push((index, was));
                 if let Some((sent, own)) = sent.zip(self.delta.sent.get_mut(own)) {
@@ -192,7 +207,7 @@ impl Log {
             if let Some(indices) = step.indices() {
                 self.delta.boxes.reserve(indices.len());
                 indices.for_each(|_, index| {
-                    if self.place(index).is_none() {
+                    if self.places.of(index).is_none() {
                         let record = record_of(index, replicas, incarnations);
                         self.push((index, record), sent_of(index, replicas));
                     }
@@ -223,7 +238,7 @@ impl Log {
 
     pub const fn allocated_bytes(&self) -> usize {
         self.delta.allocated_bytes()
-            + self.places.capacity() * size_of::<Place>()
+            + self.places.allocated_bytes()
             + self.spare.capacity() * size_of::<Entry>()
     }
 }

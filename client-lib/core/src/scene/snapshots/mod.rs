@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 
 pub use self::restore::{Phase, Then};
 
-use self::log::{Delta, Log};
+use self::log::{Delta, Log, Places};
 use self::restore::Incarnations;
 use super::edit::Edit;
 use super::replica::Replica;
@@ -100,6 +100,8 @@ pub struct Snapshots {
     /// Whether an edit was made since the last acknowledged answer.
     has_changed: bool,
     incarnations: Incarnations,
+    /// For deltas that are joined.
+    places: Places,
 }
 
 impl Default for Snapshots {
@@ -115,6 +117,7 @@ impl Default for Snapshots {
             is_since_in_log: true,
             has_changed: false,
             incarnations: Incarnations::default(),
+            places: Places::default(),
         }
     }
 }
@@ -184,7 +187,7 @@ impl Snapshots {
             self.head = None;
             (self.log, self.since) = (Log::default(), Log::default());
             self.is_since_in_log = true;
-            self.incarnations = Incarnations::default();
+            (self.incarnations, self.places) = Default::default();
         } else {
             self.let_go(id);
         }
@@ -193,8 +196,7 @@ impl Snapshots {
 
     /// Takes out a forgotten snapshot, unless several ways meet there.
     fn let_go(&mut self, id: SnapshotId) {
-        let is_needless =
-            |node: &&Node| node.history.is_none() && node.previous.len() < 2;
+        let is_needless = |node: &&Node| node.history.is_none() && node.previous.len() < 2;
         let Some(Node { next, previous, .. }) = self.nodes.get(&id).filter(is_needless) else {
             return;
         };
@@ -212,12 +214,12 @@ impl Snapshots {
             node.next = next;
             let own = std::mem::take(&mut node.before);
             if next.is_some() {
-                node.before = own.then(gone.before);
+                node.before = own.then(gone.before, &mut self.places);
             } else {
                 self.head = previous;
                 self.part_since();
                 let later = self.log.take();
-                self.log.put(own.then(later));
+                self.log.put(own.then(later, &mut self.places));
             }
         } else if let Some(next) = next {
             self.log.recycle(gone.before);
@@ -275,6 +277,7 @@ impl Snapshots {
             + self.log.allocated_bytes()
             + self.since.allocated_bytes()
             + self.incarnations.allocated_bytes()
+            + self.places.allocated_bytes()
     }
 }
 

@@ -6,7 +6,7 @@ use super::super::edit::{Edit, FilterDataSets, Indices, Sets, Step, UserData, Us
 use super::super::pair_list::Pair;
 use super::super::snapshot::{BoxSnapshot, HistorySnapshot};
 use super::super::store::are_same;
-use super::log::Delta;
+use super::log::{Delta, Places};
 use super::{History, Replicas, SnapshotId, Snapshots, UnknownSnapshot};
 use crate::aabb::Aabb;
 use crate::filters::{FilterData, FilterTable, Listed, Rules};
@@ -266,7 +266,8 @@ impl Snapshots {
                 to_snapshot(Then::MarkReported(*count), false)
             }
             (Some(History::Reported(count, since)), true) => {
-                by_way_of(since.clone().then(self.log.delta().clone()), *count)
+                let target = since.clone().then(self.log.delta().clone(), &mut Places::default());
+                by_way_of(target, *count)
             }
             (Some(History::Unreported), true) if self.history != HistorySnapshot::Unreported => {
                 let all = (0..replicas.now.index_end()).map(|index| (index, None));

@@ -27,7 +27,8 @@ fn seen(copy: &SceneCopy) -> String {
             Step::FilterData(FilterDataSets { filter_data, .. }) => {
                 // Static flags have a step of their own.
                 let data = filter_data.iter().map(|data| data.with_static(false));
-                let given = indices.iter().zip(data).filter(|(_, data)| *data != FilterData::default());
+                let given =
+                    indices.iter().zip(data).filter(|(_, data)| *data != FilterData::default());
                 format!("{:?}\n", given.collect::<Vec<_>>())
             }
             Step::Filters(table) => format!("{:?}\n", table.filters()),
