@@ -9,7 +9,7 @@ use pairmask_core::scene::QueryFilterData;
 
 use super::generate::MEMBERS;
 use super::model::{Listener, Model, Received};
-use super::script::{AtEnd, Event, Fate, HOST, Pair, Scope, Script, Turn};
+use super::script::{AtEnd, Event, Fate, HOST, Op, Pair, Scope, Script, Turn};
 use crate::queried::a_query;
 use crate::stress_scenes::Rng;
 
@@ -269,7 +269,8 @@ impl Play {
             .iter()
             .flat_map(|(turn, _)| self.model.apply(self.listeners[&turn.member].id, &turn.ops))
             .collect();
-        if reported.iter().any(|(turn, _)| !turn.ops.is_empty()) {
+        let changes = |op: &Op| !matches!(op, Op::UserData(..));
+        if reported.iter().any(|(turn, _)| turn.ops.iter().any(changes)) {
             self.listeners.values_mut().for_each(Listener::note_edit);
         }
         self.listeners.values_mut().for_each(|listener| listener.note_named(&named, is_shared));

@@ -111,9 +111,11 @@ void scenes(pm::Session &session) {
   CHECK(std::remove(path) == 0);
   CHECK(session.load_scene(path).error().code() == PM_ERR_SCENE_FILE);
   const std::vector<std::uint64_t> given = {77, 99};
-  scene.set_user_data(pm::range(7, 2), given).value();
+  const std::vector<std::uint32_t> of_both = {9, 7};
+  scene.set_user_data(pm::list(of_both), given).value();
   scene.commit(PM_REPORT_NOTHING).value();
-  CHECK(scene.user_data(std::vector<std::uint32_t>{8, 7}).value()[0] == 99);
+  const pm::Span<const std::uint64_t> user_data = scene.user_data(of_both).value();
+  CHECK(user_data.size() == 2 && user_data[0] == 77 && user_data[1] == 99);
   const std::uint64_t snapshot = scene.snapshot().value();
   scene.shift_origin(64, 0, 0).value();
   scene.restore(snapshot).value();

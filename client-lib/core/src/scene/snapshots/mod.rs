@@ -18,7 +18,7 @@ pub use self::restore::{Phase, Then};
 
 use self::log::{Delta, Log, Places};
 use self::restore::Incarnations;
-use super::edit::Edit;
+use super::edit::{Edit, Step};
 use super::replica::Replica;
 use super::snapshot::HistorySnapshot;
 
@@ -240,7 +240,7 @@ impl Snapshots {
 
     /// Notes that an edit was applied.
     pub fn note_applied(&mut self, edit: Edit<'_>) {
-        self.has_changed |= !edit.steps.is_empty();
+        self.has_changed |= edit.steps.iter().any(|step| !matches!(step, Step::UserData(_)));
         if !self.is_empty() {
             edit.for_each_removed(|index| self.incarnations.renew(index));
         }

@@ -142,7 +142,12 @@ impl Phase {
         renews: bool,
     ) -> Self {
         let mut phase = Self { sent: replicas.sent.map(|_| Boxes::default()), ..Self::default() };
-        for (at, &(index, record)) in target.boxes.iter().enumerate() {
+        // By index, as boxes lie that are near each other.
+        let mut order: Vec<[u32; 2]> =
+            (0..).zip(&target.boxes).map(|(at, (index, _))| [*index, at]).collect();
+        order.sort_unstable();
+        for at in order.into_iter().map(|[_, at]| at as usize) {
+            let (index, record) = target.boxes[at];
             let is = replicas.now.snapshot(index);
             let Some(record) = record else {
                 phase.removed.extend(is.map(|_| index));
