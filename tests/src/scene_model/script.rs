@@ -247,7 +247,7 @@ impl fmt::Display for Script {
                 }
                 Event::Leave(member) => writeln!(f, "    Event::Leave({member}),")?,
                 Event::Invalidate | Event::Snapshot(_) | Event::Restore(_) | Event::Forget(_) => {
-                    writeln!(f, "    Event::{event:?},")?
+                    writeln!(f, "    Event::{event:?},")?;
                 }
                 Event::Tick(turns) => {
                     writeln!(f, "    Event::Tick(vec![")?;

@@ -128,11 +128,6 @@ impl Snapshots {
         self.nodes.is_empty()
     }
 
-    /// How many.
-    pub fn len(&self) -> usize {
-        self.nodes.values().filter(|node| node.history.is_some()).count()
-    }
-
     /// Whether the next [`take`](Self::take) needs the next changes to be a resync: what boxes were at the last
     /// acknowledged answer was not noted, for lack of a snapshot.
     pub fn needs_resync(&self) -> bool {
@@ -182,7 +177,7 @@ impl Snapshots {
     pub fn forget(&mut self, id: SnapshotId) -> Result<(), UnknownSnapshot> {
         let node = self.nodes.get_mut(&id).filter(|node| node.history.is_some());
         node.ok_or(UnknownSnapshot { id })?.history = None;
-        if self.len() == 0 {
+        if self.nodes.values().all(|node| node.history.is_none()) {
             self.nodes.clear();
             self.head = None;
             (self.log, self.since) = (Log::default(), Log::default());

@@ -227,7 +227,7 @@ impl Snapshots {
         id: SnapshotId,
         replicas: &Replicas<'_>,
     ) -> Result<(), UnknownSnapshot> {
-        if !self.nodes.get(&id).is_some_and(|node| node.history.is_some()) {
+        if self.nodes.get(&id).is_none_or(|node| node.history.is_none()) {
             return Err(UnknownSnapshot { id });
         }
         let mut way = vec![id];
