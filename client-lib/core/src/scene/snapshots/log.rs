@@ -166,39 +166,37 @@ impl Log {
         self.delta.sent.extend(sent);
     }
 
-    /// Sets what a delta says, and returns what this one said of the same, or else what `replicas` say.
-    pub fn override_by(
+    /// Says what a delta says, which gets what this one said of the same, or else what `replicas` say.
+    pub fn swap(
         &mut self,
-        delta: &Delta,
+        delta: &mut Delta,
         replicas: &Replicas<'_>,
         incarnations: &Incarnations,
-    ) -> Delta {
-        let mut before = Delta::default();
-        before.boxes.reserve(delta.boxes.len());
-        for (at, &(index, record)) in delta.boxes.iter().enumerate() {
-            let sent = delta.sent.get(at).copied();
-            if let Some(own) = self.places.of(index) {
-                let was = std::mem::replace(&mut self.delta.boxes[own].1, record);
-                before.boxes.push((index, was));
-                if let Some((sent, own)) = sent.zip(self.delta.sent.get_mut(own)) {
-                    before.sent.push(std::mem::replace(own, sent));
+    ) {
+        let Delta { boxes, sent, listed, table } = delta;
+        self.delta.boxes.reserve(boxes.len());
+        for (at, (index, record)) in boxes.iter_mut().enumerate() {
+            if let Some(own) = self.places.of(*index) {
+                std::mem::swap(record, &mut self.delta.boxes[own].1);
+                if let (Some(sent), Some(own)) = (sent.get_mut(at), self.delta.sent.get_mut(own)) {
+                    std::mem::swap(sent, own);
                 }
             } else {
-                before.boxes.push((index, record_of(index, replicas, incarnations)));
-                before.sent.extend(sent_of(index, replicas));
-                self.push((index, record), sent);
+                let is = record_of(*index, replicas, incarnations);
+                let was_sent = sent.get_mut(at).zip(sent_of(*index, replicas));
+                let was_sent = was_sent.map(|(sent, is)| std::mem::replace(sent, is));
+                self.push((*index, std::mem::replace(record, is)), was_sent);
             }
         }
         let rules = replicas.rules();
-        for (&pair, &listed) in &delta.listed {
-            let was = self.delta.listed.insert(pair, listed);
-            before.listed.insert(pair, was.unwrap_or_else(|| rules.lists.listed(pair[0], pair[1])));
+        for (pair, listed) in listed {
+            let own = self.delta.listed.entry(*pair);
+            let own = own.or_insert_with(|| rules.lists.listed(pair[0], pair[1]));
+            std::mem::swap(listed, own);
         }
-        if let Some(table) = &delta.table {
-            let was = self.delta.table.replace(table.clone());
-            before.table = Some(was.unwrap_or_else(|| rules.table.clone()));
+        if let Some(table) = table {
+            std::mem::swap(table, self.delta.table.get_or_insert_with(|| rules.table.clone()));
         }
-        before
     }
 
     /// Notes what an edit is about to change that is not noted yet.

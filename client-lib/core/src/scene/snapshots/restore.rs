@@ -241,10 +241,10 @@ impl Snapshots {
         for pair in way.windows(2).rev() {
             let [here, later] = [pair[0], pair[1]];
             let Some(node) = self.nodes.get_mut(&here) else { continue };
-            let ahead = std::mem::take(&mut node.before);
+            let mut before = std::mem::take(&mut node.before);
             (node.next, self.head) = (None, Some(here));
             node.previous.push(later);
-            let before = self.log.override_by(&ahead, replicas, &self.incarnations);
+            self.log.swap(&mut before, replicas, &self.incarnations);
             if let Some(node) = self.nodes.get_mut(&later) {
                 (node.before, node.next) = (before, Some(here));
                 node.previous.retain(|previous| *previous != here);
