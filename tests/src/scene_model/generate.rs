@@ -47,6 +47,8 @@ struct Maker {
     groups: u32,
     /// Of a script.
     events: u32,
+    /// Boxes that come again and again: what is set is often what there was.
+    usual: Vec<Aabb>,
 }
 
 pub fn script_of(kind: Kind, seed: u64) -> Script {
@@ -159,10 +161,23 @@ impl Maker {
             Kind::Small | Kind::Shared => 4 + below(24),
             Kind::Crowd | Kind::Large | Kind::Huge => 4 + below(8),
         };
-        let (verbs, focus) = ([true; VERBS], [0; 2]);
-        let mut maker =
-            Self { random, kind, limit, world, verbs, odd, focus, late, dropped, groups, events };
+        let (verbs, focus, usual) = ([true; VERBS], [0; 2], Vec::new());
+        let mut maker = Self {
+            random,
+            kind,
+            limit,
+            world,
+            verbs,
+            odd,
+            focus,
+            late,
+            dropped,
+            groups,
+            events,
+            usual,
+        };
         maker.draw_verbs();
+        maker.usual = (0..3).map(|_| maker.a_box()).collect();
         maker
     }
 
@@ -320,6 +335,9 @@ impl Maker {
     }
 
     fn a_box(&mut self) -> Aabb {
+        if !self.usual.is_empty() && self.limit <= 16 && self.one_in(3) {
+            return self.one_of(&self.usual.clone());
+        }
         let flat = self.limit <= 16 && self.one_in(2);
         let min: [f32; 3] = std::array::from_fn(|axis| {
             let end = if flat && axis > 0 { 1 } else { self.world };

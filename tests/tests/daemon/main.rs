@@ -25,3 +25,4 @@ mod side_by_side;
 mod snapshots;
 mod spheres;
 mod strangers;
+mod user_data;

@@ -175,3 +175,59 @@ fn what_has_no_snapshots_says_so() {
     assert!(matches!(scene.forget_snapshot(snapshot), Err(Error::Snapshot(_))));
     assert_eq!(scene.len(), 1);
 }
+
+/// What happens between an acknowledged answer and a snapshot is reported again, also of boxes that are what they were.
+#[test]
+fn what_was_yet_to_be_reported_is_reported_again() {
+    let daemon = TestDaemon::of_cores();
+    let plain = SceneOptions::default();
+    let exact = plain.clone().with_margin(Margin::new(0.7).unwrap());
+    let near = exact.clone().with_near_pairs(true);
+    for session in &mut [in_process(), daemon.connect()] {
+        for options in [&plain, &exact, &near] {
+            let mut scene = session.scene(options.clone()).unwrap();
+            drop(scene.edit().set(0, at(0.0)).set(1, at(0.5)).commit(Report::Changes).unwrap());
+            let first = scene.snapshot().unwrap();
+            // Another box, equal to the one before; and one that was sent anew, and is back.
+            let renewed = scene.edit().remove(0).set(0, at(0.0)).set(1, at(9.0));
+            drop(renewed.commit(Report::Nothing).unwrap());
+            drop(scene.edit().set(1, at(0.5)).commit(Report::Nothing).unwrap());
+            let sent = scene.inflated(1);
+            let second = scene.snapshot().unwrap();
+            let mut played = Vec::new();
+            for snapshot in [second, second, first, second] {
+                scene.restore(snapshot).unwrap();
+                if snapshot == second {
+                    assert_eq!(scene.inflated(1), sent);
+                    played.push(committed(&mut scene, &[], Report::Changes));
+                }
+            }
+            let [one, two] = [played[0].begun.len(), played[0].ended.len()];
+            assert_eq!([one, two], [1; 2], "it ended, and began");
+            assert!(played.iter().all(|again| *again == played[0]));
+        }
+    }
+}
+
+#[test]
+fn a_restore_that_is_refused_leaves_what_was_reported() {
+    let (daemon, mut session) = served();
+    let mut scene = session.scene(SceneOptions::default()).unwrap();
+    drop(scene.edit().set(0, at(0.0)).set(1, at(9.0)).commit(Report::Changes).unwrap());
+    let apart = scene.snapshot().unwrap();
+    drop(scene.edit().set(1, at(0.5)).commit(Report::Changes).unwrap());
+    daemon.signal_worker(Signal::KILL);
+    eventually("the daemon is back", || session.frame(1).ok()?.submit().ok()?.wait().ok());
+    let frames = [(); 3].map(|()| session.frame(1).unwrap());
+    assert!(matches!(scene.restore(apart), Err(Error::TooManyFrames)));
+    drop(frames);
+    // Another daemon is sent the scene, which went nowhere.
+    assert_eq!(scene.query(&[at(0.0)]).unwrap().count(), 2);
+    let answer = scene.edit().commit(Report::Changes).unwrap();
+    assert!(answer.is_resync());
+    assert_eq!(answer.pairs(), [[0, 1]]);
+    drop(answer);
+    scene.restore(apart).unwrap();
+    let answer = scene.edit().set(1, at(0.5)).commit(Report::Changes).unwrap();
+    assert_eq!(answer.begun(), [[0, 1]]);
+}

@@ -12,8 +12,8 @@ use crate::aabb::Aabb;
 use crate::filters::{FilterData, Rules};
 use crate::write::par_write_boxes;
 
-/// Boxes, flags and collision filters of a scene, by index: 25 bytes an index, and 12 more up to the last one with
-/// filter data. It checks edits as the scene does, and applies them; it knows nothing of pairs.
+/// Boxes, flags, collision filters and user data of a scene, by index: 25 bytes an index, 12 more up to the last one with
+/// filter data, and 8 up to the last one with user data. It checks edits as the scene does, and applies them; it knows nothing of pairs.
 ///
 /// ```
 /// use pairmask_core::Aabb;

@@ -26,6 +26,10 @@ pub struct Draft {
     pub filtered: Vec<u32>,
     /// Their filter data.
     pub filter_data: Vec<FilterData>,
+    /// Indices of boxes that are given user data one by one.
+    pub marked: Vec<u32>,
+    /// Their user data.
+    pub marks: Vec<UserData>,
     /// User data of [`Given::marked`].
     pub user_data: Vec<UserData>,
 }
@@ -53,6 +57,8 @@ impl Draft {
         self.removed.clear();
         self.filtered.clear();
         self.filter_data.clear();
+        self.marked.clear();
+        self.marks.clear();
         self.user_data.clear();
     }
 
@@ -90,6 +96,12 @@ impl Draft {
             let user_data = &self.user_data[slot.clone()];
             Step::UserData(UserDataSets { indices: *indices, user_data })
         }));
+        if !self.marked.is_empty() {
+            steps.push(Step::UserData(UserDataSets {
+                indices: Indices::List(&self.marked),
+                user_data: &self.marks,
+            }));
+        }
         if !self.filtered.is_empty() {
             steps.push(Step::FilterData(FilterDataSets {
                 indices: Indices::List(&self.filtered),

@@ -384,7 +384,7 @@ impl<'a> Edit<'a> {
         }
     }
 
-    /// Bytes that its rules and user data may take where they are kept, beside filter data.
+    /// Bytes that its rules may take where they are kept, beside filter data.
     pub fn rule_bytes(&self) -> usize {
         /// A pair in the tables of now and of then, half of whose places are free.
         const PAIR_BYTES: usize = 64;
@@ -392,12 +392,19 @@ impl<'a> Edit<'a> {
             Step::Filters(table) => 2 * table.allocated_bytes(),
             Step::Include(pairs, _) | Step::Exclude(pairs, _) => PAIR_BYTES * pairs.len(),
             Step::FilterData(FilterDataSets { filter_data, .. }) => PAIR_BYTES * filter_data.len(),
-            Step::UserData(UserDataSets { indices, .. }) => {
-                indices.last().map_or(0, |last| (last as usize + 1) * size_of::<u64>())
-            }
             _ => 0,
         };
         self.steps.iter().map(bytes).sum()
+    }
+
+    /// Bytes that its user data may take where they are kept: up to the last index that has any.
+    pub fn user_data_bytes(&self) -> u64 {
+        let last = |step: &Step<'_>| match step {
+            Step::UserData(UserDataSets { indices, .. }) => indices.last(),
+            _ => None,
+        };
+        let end = self.steps.iter().filter_map(last).max().map_or(0, |last| last + 1);
+        end * size_of::<u64>() as u64
     }
 
     /// Whether it gives filter data other than those that boxes have without any.

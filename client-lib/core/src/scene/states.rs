@@ -437,8 +437,6 @@ impl BoxStates {
         (left < len / 2).then(|| {
             self.bits.truncate(left);
             self.bits.shrink_to_fit();
-            self.user_data.truncate(left);
-            self.user_data.shrink_to_fit();
             left
         })
     }

@@ -31,7 +31,7 @@ use crate::session::unread::Awaited;
 /// They may have [margins](SceneOptions::margin): then only boxes that left theirs are sent.
 ///
 /// A daemon keeps the scene where the session has one. This process keeps boxes and flags, 25 bytes an
-/// index and with filter data 12 more, and sends them again by itself where the daemon has lost them; where no daemon
+/// index, with filter data 12 more and with user data 8, and sends them again by itself where the daemon has lost them; where no daemon
 /// answers, it answers from them itself, if the [backend](crate::Backend) allows it. Then the next changes are a
 /// [resync](super::SceneAnswer::is_resync).
 pub struct Scene {
@@ -199,9 +199,11 @@ impl Scene {
     ///
     /// Of a shared scene, that of other members' boxes is known as of the last answer.
     pub fn user_data(&self, index: u32) -> u64 {
+        let own = replicas(&self.backend, self.margins.as_deref()).now;
         match self.backend.sharing() {
-            Some(sharing) if !sharing.has_leased(index) => sharing.others.of(index),
-            _ => replicas(&self.backend, self.margins.as_deref()).now.user_data(index),
+            // The answer of a tick says that of own boxes too.
+            Some(sharing) if own.get(index).is_none() => sharing.others.of(index),
+            _ => own.user_data(index),
         }
     }
 

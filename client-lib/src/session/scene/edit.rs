@@ -184,7 +184,9 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
     /// # }
     /// ```
     pub fn set_user_data(self, index: u32, user_data: u64) -> Self {
-        self.set_all_user_data(one(index), &[user_data])
+        self.scene.draft.marked.push(index);
+        self.scene.draft.marks.push(user_data.into());
+        self
     }
 
     /// Gives boxes user data, as [`set_user_data`](Self::set_user_data) does.

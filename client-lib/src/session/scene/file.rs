@@ -10,8 +10,8 @@ use super::edit::SceneEdit;
 use crate::session::error::Error;
 
 impl Scene {
-    /// Saves the scene as the last edit made it: boxes as they were set, flags, filters and pair lists; of a shared scene,
-    /// those of this member. [`Session::load_scene`](crate::Session::load_scene) reads it. What was reported is not saved.
+    /// Saves the scene as the last edit made it: boxes as they were set, flags, filters, pair lists and user data; of a
+    /// shared scene, those of this member. [`Session::load_scene`](crate::Session::load_scene) reads it. What was reported is not saved.
     ///
     /// ```
     /// use pairmask::{Aabb, Backend, Report, SceneOptions, Session};

@@ -295,7 +295,10 @@ impl RemoteScene {
             })
         };
         match &begun {
-            Err(error) if !error.is_applied() => self.copy.cancel(edit),
+            Err(error) if !error.is_applied() => {
+                self.copy.cancel(edit);
+                self.reported = None;
+            }
             // Perhaps without an answer, as the error says: the copy has it, and the scene's next holder.
             Ok(_) | Err(_) => self.copy.apply(edit),
         }
@@ -560,7 +563,10 @@ impl RemoteScene {
         if self.copy.is_empty() && !self.copy.states().filters.is_used() {
             return Ok(());
         }
+        // The edit that is sent next may say what counts as reported; the scene before it does not.
+        let reported = self.reported.take();
         let loaded = self.send_whole(Report::Nothing).and_then(|sent| self.receive(sent));
+        self.reported = reported;
         if loaded.is_err() {
             // A scene of this process goes on where it was.
             let is_here = matches!(before, Holder::Here(_));
@@ -643,7 +649,7 @@ impl RemoteScene {
             let marks = TickMarks::parse(&answer.header, size_of_val(answer.memory.pages()) as u64);
             if let Ok(marks) = &marks {
                 let words = words_in(answer.memory.pages());
-                sharing.others.learn(marks.user_data_in(words));
+                sharing.others.learn(marks.user_data_in(words), self.options.most_boxes);
             }
             tick = Some(marks.map_err(|error| self.refused(error.into()))?);
         } else {

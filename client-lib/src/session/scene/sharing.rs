@@ -55,9 +55,9 @@ impl OthersData {
         self.0.get(&index).copied().unwrap_or(0)
     }
 
-    /// Learns what has changed.
-    pub fn learn(&mut self, changed: impl Iterator<Item = (u32, u64)>) {
-        for (index, user_data) in changed {
+    /// Learns what has changed, of a scene whose indices are below a limit.
+    pub fn learn(&mut self, changed: impl Iterator<Item = (u32, u64)>, limit: u32) {
+        for (index, user_data) in changed.filter(|(index, _)| *index < limit) {
             if user_data == 0 {
                 self.0.remove(&index);
             } else {
@@ -96,11 +96,6 @@ impl Sharing {
             before: None,
             was_undone: false,
         }
-    }
-
-    /// Whether this member has leased an index.
-    pub fn has_leased(&self, index: u32) -> bool {
-        self.leases.iter().any(|lease| lease.contains(&index))
     }
 
     /// What holds in the scene; before it is joined, what this member asks for.

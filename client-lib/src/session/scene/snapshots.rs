@@ -12,8 +12,9 @@ impl Scene {
     /// reported. Games that predict go back to one and play ticks again: the same edits have the same answers, to the
     /// byte, unless a daemon died meanwhile, after which the next changes are a [resync](super::SceneAnswer::is_resync).
     ///
-    /// This process keeps it. It costs nothing when it is taken; from then on, each edit copies what it changes, once a
-    /// snapshot, up to 80 bytes a box. A snapshot is kept until it is [forgotten](Self::forget_snapshot), or the scene
+    /// This process keeps it. It costs nothing when it is taken, where all changes were reported: else it copies what has
+    /// changed since. From then on, each edit copies what it changes, once a snapshot: 64 bytes a box, with margins 88, and
+    /// 8 for each index. A snapshot is kept until it is [forgotten](Self::forget_snapshot), or the scene
     /// ends. To keep one in a file, [`save`](Self::save) the scene.
     ///
     /// Where changes are yet to be reported when the only snapshot is taken, the next changes are a resync: what the boxes
@@ -66,18 +67,21 @@ impl Scene {
         self.snapshots.begin_restore(snapshot, &replicas)?;
         let mut last = None;
         while let Some(phase) = self.next_phase(last.as_ref()) {
-            self.go(&phase).inspect_err(|error| {
-                if last.is_some() || error.is_applied() {
+            if let Err(error) = self.go(&phase) {
+                let error = if last.is_some() { error.unanswered() } else { error };
+                if error.is_applied() {
                     self.resync();
                 }
-            })?;
+                return Err(error);
+            }
             last = Some(phase);
         }
         Ok(())
     }
 
-    fn next_phase(&self, last: Option<&Phase>) -> Option<Phase> {
-        self.snapshots.next_phase(&replicas(&self.backend, self.margins.as_deref()), last)
+    fn next_phase(&mut self, last: Option<&Phase>) -> Option<Phase> {
+        let replicas = replicas(&self.backend, self.margins.as_deref());
+        self.snapshots.next_phase(&replicas, last)
     }
 
     /// Makes the edit of a phase, and what follows it.

@@ -178,7 +178,7 @@ struct Written<'a> {
     /// `None` where it names none, but has so many items of its own.
     indices: Option<Indices<'a>>,
     boxes: &'a [Aabb],
-    /// Its filter data, filters or pairs as words.
+    /// Its filter data, user data, filters or pairs as words.
     entries: Option<Cow<'a, [u32]>>,
     count: usize,
 }

@@ -76,7 +76,8 @@ impl SceneRoom {
         };
         let bytes = |gpus: usize| {
             let bytes_a_box = BYTES_A_BOX + BYTES_ON_A_FURTHER_GPU * (gpus as u64 - 1);
-            BYTES_A_SCENE + BYTES_AN_INDEX * indices + bytes_a_box * boxes + rules + beside
+            let of_boxes = BYTES_AN_INDEX * indices + bytes_a_box * boxes;
+            BYTES_A_SCENE + of_boxes + rules + edit.user_data_bytes() + beside
         };
         // What does not fit several GPUs is kept on fewer.
         let fit = self.most_that_fit(scene.most_copies(set as usize), bytes);

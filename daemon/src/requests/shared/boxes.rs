@@ -160,7 +160,8 @@ impl Boxes {
     /// Checks a member's edit, which stays right. It is to be applied or [cancelled](Self::cancel).
     pub fn check(&mut self, edit: Edit<'_>, bytes: u64) -> Result<(), Refusal> {
         let beside = self.own_bytes() + self.members_bytes + self.pending.bytes;
-        let more = bytes + BYTES_A_COPY * edit.index_end();
+        // User data are in the copy as well, and the ticks at which they changed.
+        let more = bytes + BYTES_A_COPY * edit.index_end() + 2 * edit.user_data_bytes();
         self.room.make(&mut self.scene, edit, self.pending.boxes, beside + more)?;
         self.copy.check(edit)?;
         // Others are checked before it is applied: its boxes are not in the scene then.

@@ -68,6 +68,8 @@ impl Remains {
 #[derive(Debug, Default)]
 pub struct RemainingBoxes {
     boxes: BTreeSet<u32>,
+    /// Those of them with user data.
+    marked: BTreeSet<u32>,
     /// Listed pairs that name one of them, and that nobody has listed again.
     included: BTreeSet<[u32; 2]>,
     excluded: BTreeSet<[u32; 2]>,
@@ -78,6 +80,7 @@ pub struct RemainingBoxes {
 pub struct Reset {
     indices: Vec<u32>,
     filter_data: Vec<FilterData>,
+    marked: Vec<u32>,
     user_data: Vec<UserData>,
     included: Vec<[u32; 2]>,
     excluded: Vec<[u32; 2]>,
@@ -92,6 +95,8 @@ impl RemainingBoxes {
     /// Boxes of a scene in ranges that are nobody's any more are kept.
     pub fn keep(&mut self, copy: &SceneCopy, ranges: &Ranges) {
         let Remains { boxes, included, excluded } = Remains::of(copy, ranges);
+        let is_marked = |index: &u32| copy.states().user_data(*index) != 0;
+        self.marked.extend(boxes.iter().copied().filter(is_marked));
         self.boxes.extend(boxes);
         self.included.extend(included);
         self.excluded.extend(excluded);
@@ -133,10 +138,13 @@ impl RemainingBoxes {
         };
         let [included, excluded] = [&mut self.included, &mut self.excluded].map(lost);
         let filter_data = vec![FilterData::default(); indices.len()];
-        let user_data = vec![UserData::default(); indices.len()];
+        let marked: Vec<u32> =
+            indices.iter().copied().filter(|index| self.marked.remove(index)).collect();
+        let user_data = vec![UserData::default(); marked.len()];
         (!indices.is_empty()).then_some(Reset {
             indices,
             filter_data,
+            marked,
             user_data,
             included,
             excluded,
@@ -152,10 +160,13 @@ impl Reset {
             Step::Enable(indices, true),
             Step::Static(indices, false),
             Step::FilterData(FilterDataSets { indices, filter_data: &self.filter_data }),
-            Step::UserData(UserDataSets { indices, user_data: &self.user_data }),
             Step::Include(&self.included, false),
             Step::Exclude(&self.excluded, false),
         ];
+        if !self.marked.is_empty() {
+            let (indices, user_data) = ((&self.marked).into(), &self.user_data[..]);
+            steps.push(Step::UserData(UserDataSets { indices, user_data }));
+        }
         steps.extend_from_slice(edit.steps);
         steps
     }

@@ -199,18 +199,40 @@ impl Log {
         }
     }
 
+    fn note_box(&mut self, index: u32, replicas: &Replicas<'_>, incarnations: &Incarnations) {
+        if self.places.of(index).is_none() {
+            let record = record_of(index, replicas, incarnations);
+            self.push((index, record), sent_of(index, replicas));
+        }
+    }
+
+    /// Notes what the boxes of a delta are that are not noted yet.
+    pub fn note_boxes(
+        &mut self,
+        delta: &Delta,
+        replicas: &Replicas<'_>,
+        incarnations: &Incarnations,
+    ) {
+        for (index, _) in &delta.boxes {
+            self.note_box(*index, replicas, incarnations);
+        }
+    }
+
     /// Notes what an edit is about to change that is not noted yet.
     pub fn note(&mut self, edit: Edit<'_>, replicas: &Replicas<'_>, incarnations: &Incarnations) {
+        let end = replicas.now.index_end();
         for step in edit.steps {
-            if let Some(indices) = step.indices() {
+            let Some(indices) = step.indices() else { continue };
+            if self.delta.boxes.is_empty() {
                 self.delta.boxes.reserve(indices.len());
-                indices.for_each(|_, index| {
-                    if self.places.of(index).is_none() {
-                        let record = record_of(index, replicas, incarnations);
-                        self.push((index, record), sent_of(index, replicas));
-                    }
-                });
             }
+            // What names an index without a box and sets none is wrong, or follows a set.
+            let sets = matches!(step, Step::Set(_));
+            indices.for_each(|_, index| {
+                if sets || index < end {
+                    self.note_box(index, replicas, incarnations);
+                }
+            });
         }
         let rules = replicas.rules();
         let mut note = |pair: Pair, listed: Listed| {

@@ -1,6 +1,7 @@
 //! Snapshots of a scene, to which its client goes back: as games do that predict, and play ticks again.
 //!
-//! A snapshot costs nothing when it is taken. From then on each edit notes what it is about to change, box by box, once
+//! A snapshot costs nothing when it is taken, where all changes were reported; else it copies what has changed since the
+//! last acknowledged answer. From then on each edit notes what it is about to change, box by box, once
 //! a box and snapshot (`log`). What was noted leads from a snapshot to the next one, and from the last one to the scene
 //! as it is. Going back turns these steps around, so that any snapshot can be reached from any other, at the cost of
 //! what differs between them (the persistent arrays of Baker, "Shallow binding makes functional arrays fast", 1991).

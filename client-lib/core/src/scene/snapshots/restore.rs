@@ -6,7 +6,7 @@ use super::super::edit::{Edit, FilterDataSets, Indices, Sets, Step, UserData, Us
 use super::super::pair_list::Pair;
 use super::super::snapshot::{BoxSnapshot, HistorySnapshot};
 use super::super::store::are_same;
-use super::log::{Delta, Places};
+use super::log::Delta;
 use super::{History, Replicas, SnapshotId, Snapshots, UnknownSnapshot};
 use crate::aabb::Aabb;
 use crate::filters::{FilterData, FilterTable, Listed, Rules};
@@ -256,14 +256,15 @@ impl Snapshots {
 
     /// The next phase, after [`begin_restore`](Self::begin_restore) or a phase that was [done](Self::end_phase); `None`
     /// after the last one.
-    fn phase_to(&self, replicas: &Replicas<'_>, is_first: bool) -> Phase {
-        let history = self.head.and_then(|head| self.nodes.get(&head)?.history.as_ref());
+    fn phase_to(&mut self, replicas: &Replicas<'_>, is_first: bool) -> Phase {
+        let Self { nodes, places, log, incarnations, .. } = self;
+        let history = self.head.and_then(|head| nodes.get(&head)?.history.as_ref());
         let by_way_of = |target: Delta, count| {
-            let phase = Phase::to(&target, replicas, &self.incarnations, false);
+            let phase = Phase::to(&target, replicas, incarnations, false);
             Phase { then: Some(Then::MarkReported(count)), target: Some(target), ..phase }
         };
         let to_snapshot = |then, renews| {
-            let phase = Phase::to(self.log.delta(), replicas, &self.incarnations, renews);
+            let phase = Phase::to(log.delta(), replicas, incarnations, renews);
             Phase { then: Some(then), ..phase }
         };
         match (history, is_first) {
@@ -271,8 +272,7 @@ impl Snapshots {
                 to_snapshot(Then::MarkReported(*count), false)
             }
             (Some(History::Reported(count, since)), true) => {
-                let target = since.clone().then(self.log.delta().clone(), &mut Places::default());
-                by_way_of(target, *count)
+                by_way_of(since.clone().then(log.delta().clone(), places), *count)
             }
             (Some(History::Unreported), true) if self.history != HistorySnapshot::Unreported => {
                 let all = (0..replicas.now.index_end()).map(|index| (index, None));
@@ -284,7 +284,7 @@ impl Snapshots {
     }
 
     /// The phases of the way back that was [begun](Self::begin_restore): the first one, or the one after another.
-    pub fn next_phase(&self, replicas: &Replicas<'_>, last: Option<&Phase>) -> Option<Phase> {
+    pub fn next_phase(&mut self, replicas: &Replicas<'_>, last: Option<&Phase>) -> Option<Phase> {
         match last {
             Some(phase) if phase.target.is_none() => None,
             last => Some(self.phase_to(replicas, last.is_none())),
@@ -293,10 +293,11 @@ impl Snapshots {
 
     /// Notes the edit of a phase that is about to be applied: what the boxes of the snapshot are.
     pub fn note_phase(&mut self, phase: &Phase, replicas: &Replicas<'_>) {
-        let steps = phase.steps();
-        let edit = Edit { steps: &steps };
-        if phase.target.is_some() {
-            self.log.note(edit, replicas, &self.incarnations);
+        if let Some(target) = &phase.target {
+            // Also those that stay what they are: they are another incarnation, or were sent otherwise.
+            self.log.note_boxes(target, replicas, &self.incarnations);
+            let steps = phase.steps();
+            self.log.note(Edit { steps: &steps }, replicas, &self.incarnations);
         }
     }
 
