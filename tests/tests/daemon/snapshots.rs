@@ -97,7 +97,7 @@ fn scenes_go_back_after_their_daemon_was_killed() {
         }
         Moment::UnderWay => {}
     };
-    let all = kinds([300, 20, 20], [10_000, 100, 100]);
+    let all = kinds([300, 20, 20], [50_000, 200, 200]);
     hold_kinds(240_000, all, |script| SessionScene::disturbed(&mut session, script, &disturb));
     hold_kinds(241_000, all, |script| SessionScene::margined(&mut session, script, &disturb));
     assert!(kills.get() > 10, "{}", kills.get());

@@ -1,11 +1,14 @@
-//! Casts into a scene in video memory: the cores answer them, from a copy of its boxes that is read after each edit.
+//! Casts into a scene in video memory: the cores answer them, from a copy of its boxes that follows edits of few boxes. It
+//! is read from there for the first cast, and after edits of many.
+
+use std::collections::HashMap;
 
 use pairmask_core::Aabb;
 use pairmask_core::aabb::order_key;
 use pairmask_core::cast::Hit;
 use pairmask_core::engine::{CullError, ReserveError};
-use pairmask_core::scene::states::{DISABLED, PRESENT, STILL};
-use pairmask_core::scene::{Cast, CastTree, QueryError};
+use pairmask_core::scene::states::{BoxStates, DISABLED, PRESENT, STILL};
+use pairmask_core::scene::{Cast, CastTree, Edit, QueryError, Sets, Step};
 
 use super::ENGINE;
 use super::memory::RECORD_BYTES;
@@ -14,6 +17,10 @@ use crate::execute::gpu::{Block, Command, Frame, GpuError, GpuScene, Home, Part}
 
 /// Edits without a cast after which the copy is dropped: some seconds of a game.
 const UNUSED_EDITS: u32 = 256;
+/// Edits without a cast that the copy follows: to follow more would take longer than to read it when it is needed.
+const FOLLOWED_EDITS: u32 = 8;
+/// Where an edit sets one box in so many, to read all of them again is sooner done.
+const MANY_SHARE: usize = 16;
 
 /// A record as it lies in video memory: keys of the mins and maxes, the history, and flags in the low byte.
 type Record = [i32; 8];
@@ -24,6 +31,10 @@ const _: () = assert!(size_of::<Record>() as u64 == RECORD_BYTES);
 pub(super) struct CastCopy {
     /// Boxes by index, as they collide.
     boxes: Vec<Aabb>,
+    /// Those that are disabled.
+    disabled: HashMap<u32, Aabb>,
+    /// Indices that the edit under way has changed.
+    changed: Vec<u32>,
     tree: CastTree,
     is_current: bool,
     /// Since the last cast.
@@ -32,27 +43,76 @@ pub(super) struct CastCopy {
 
 impl CastCopy {
     pub fn allocated_bytes(&self) -> usize {
-        self.boxes.capacity() * size_of::<Aabb>() + self.tree.allocated_bytes()
+        self.boxes.capacity() * size_of::<Aabb>()
+            + self.disabled.capacity() * (size_of::<(u32, Aabb)>() + 1)
+            + self.changed.capacity() * size_of::<u32>()
+            + self.tree.allocated_bytes()
     }
 
-    /// Notes an edit.
-    pub fn note_edit(&mut self) {
-        self.is_current = false;
+    /// Follows an edit that was applied, after which boxes have these states.
+    pub fn note_edit(&mut self, edit: Edit<'_>, states: &BoxStates) {
         self.edits += 1;
         if self.edits > UNUSED_EDITS {
             *self = Self::default();
         }
+        let is_large = edit.boxes() * MANY_SHARE > self.boxes.len();
+        self.is_current &= self.edits <= FOLLOWED_EDITS && !is_large;
+        if self.is_current && self.boxes.try_reserve(states.index_end()).is_err() {
+            self.is_current = false;
+        }
+        if self.is_current {
+            self.follow(edit, states);
+        }
+    }
+
+    fn follow(&mut self, edit: Edit<'_>, states: &BoxStates) {
+        let Self { boxes, disabled, changed, tree, .. } = self;
+        changed.clear();
+        boxes.resize(states.index_end().max(boxes.len()), Aabb::EMPTY);
+        edit.for_each_removed(|index| {
+            disabled.remove(&index);
+            boxes[index as usize] = Aabb::EMPTY;
+            changed.push(index);
+        });
+        // Who set a box may have changed it since the GPU read it, and finds what it wrote.
+        for Sets { indices, boxes: set } in edit.sets() {
+            indices.for_each(|at, index| {
+                disabled.remove(&index);
+                boxes[index as usize] = set[at];
+                changed.push(index);
+            });
+        }
+        let mut settle = |index: u32| {
+            let b = &mut boxes[index as usize];
+            if !states.has(index, DISABLED) {
+                if let Some(enabled) = disabled.remove(&index) {
+                    *b = enabled;
+                    changed.push(index);
+                }
+            } else if !disabled.contains_key(&index) {
+                disabled.insert(index, std::mem::replace(b, Aabb::EMPTY));
+                changed.push(index);
+            }
+        };
+        let has_disabled = states.active() < states.present();
+        for step in edit.steps {
+            match step {
+                Step::Set(Sets { indices, .. }) if has_disabled => {
+                    indices.for_each(|_, index| settle(index));
+                }
+                Step::Enable(indices, _) => indices.for_each(|_, index| settle(index)),
+                _ => {}
+            }
+        }
+        tree.note([&self.changed, &[]], self.boxes.len());
     }
 }
 
-/// What collides of a record.
-fn colliding(record: &Record) -> Aabb {
-    let flags = record[7] as u8;
-    if flags & (PRESENT | DISABLED) != PRESENT {
-        return Aabb::EMPTY;
-    }
+/// The box of a record, if it has one.
+fn box_of(record: &Record) -> Option<Aabb> {
     // Of what overlaps nothing, and has keys of no number, this makes a NaN.
-    Aabb::from(std::array::from_fn(|at| f32::from_bits(order_key(record[at] as u32) as u32)))
+    let of = |at: usize| f32::from_bits(order_key(record[at] as u32) as u32);
+    (record[7] as u8 & PRESENT != 0).then(|| Aabb::from(std::array::from_fn(of)))
 }
 
 fn read_records(replica: &Replica, slots: usize) -> Result<Vec<Record>, GpuError> {
@@ -102,11 +162,19 @@ impl GpuScene {
                 Err(error) => return Err(error),
             }
         };
-        let CastCopy { boxes, tree, is_current, .. } = &mut self.casts;
+        let CastCopy { boxes, disabled, tree, is_current, .. } = &mut self.casts;
         boxes.clear();
+        disabled.clear();
         let needed_bytes = (slots * size_of::<Aabb>()) as u64;
         boxes.try_reserve(slots).map_err(|_| ReserveError::OutOfMemory { needed_bytes })?;
-        boxes.extend(records.iter().map(colliding));
+        boxes.extend((0..).zip(&records).map(|(index, record)| {
+            let b = box_of(record).unwrap_or(Aabb::EMPTY);
+            if record[7] as u8 & DISABLED == 0 {
+                return b;
+            }
+            disabled.insert(index, b);
+            Aabb::EMPTY
+        }));
         tree.note_all();
         *is_current = true;
         Ok(())

@@ -255,8 +255,8 @@ impl GpuScene {
         self.roster.check(edit, self.options.most_boxes)?;
         self.submissions = 0;
         self.is_open = false;
-        self.casts.note_edit();
         self.roster.apply(edit);
+        self.casts.note_edit(edit, &self.roster.states);
         if let Err(error) = self.answer(edit, report) {
             self.known = Known::Lost;
             return Err(SceneError::Cull(error));
