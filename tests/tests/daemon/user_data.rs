@@ -21,7 +21,9 @@ fn tick<'a>(
     let commits = others.iter_mut().map(|scene| scene.edit().submit(report).unwrap());
     let commits: Vec<_> = commits.collect();
     drop(edit(writer.edit()).commit(report).unwrap());
-    commits.into_iter().for_each(|pending| drop(pending.wait().unwrap()));
+    for pending in commits {
+        drop(pending.wait().unwrap());
+    }
 }
 
 #[test]

@@ -73,7 +73,9 @@ pub use self::query::{
 pub use self::replica::Replica;
 pub use self::rules::{FilterHistory, FilteredBoxes, apply_rules, decide_changes};
 pub use self::snapshot::{BoxSnapshot, HistorySnapshot, SceneSnapshot};
-pub use self::snapshots::{Phase, Replicas, SnapshotId, Snapshots, Then, UnknownSnapshot};
+pub use self::snapshots::{
+    AfterPhase, Replicas, RestorePhase, SnapshotId, Snapshots, UnknownSnapshot,
+};
 
 use std::sync::Arc;
 

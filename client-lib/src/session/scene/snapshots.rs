@@ -1,6 +1,6 @@
 //! Snapshots of a scene, to which it goes back.
 
-use pairmask_core::scene::{Edit, Phase, Report, SnapshotId, Then};
+use pairmask_core::scene::{AfterPhase, Edit, Report, RestorePhase, SnapshotId};
 
 use super::answer::{SceneAnswer, Submitted};
 use super::backend::{Scene, is_applied, replicas};
@@ -79,20 +79,20 @@ impl Scene {
         Ok(())
     }
 
-    fn next_phase(&mut self, last: Option<&Phase>) -> Option<Phase> {
+    fn next_phase(&mut self, last: Option<&RestorePhase>) -> Option<RestorePhase> {
         let replicas = replicas(&self.backend, self.margins.as_deref());
         self.snapshots.next_phase(&replicas, last)
     }
 
     /// Makes the edit of a phase, and what follows it.
-    fn go(&mut self, phase: &Phase) -> Result<(), Error> {
+    fn go(&mut self, phase: &RestorePhase) -> Result<(), Error> {
         let Self { backend, margins, snapshots, .. } = &mut *self;
         let (steps, sent_steps) = (phase.steps(), phase.sent_steps());
         let (edit, sent) = (Edit { steps: &steps }, Edit { steps: &sent_steps });
         snapshots.note_phase(phase, &replicas(backend, margins.as_deref()));
         let mut report = Report::Nothing;
         let begun = if let Some(margins) = margins {
-            if matches!(phase.then(), Then::MarkReported(_)) {
+            if matches!(phase.then(), AfterPhase::MarkReported(_)) {
                 // Which pairs are near is kept here: the daemon reports which of them began and ended.
                 report = Report::Changes;
             }
@@ -104,7 +104,7 @@ impl Scene {
                 margins.cancel(edit);
             }
             begun
-        } else if let Then::MarkReported(pair_count) = phase.then() {
+        } else if let AfterPhase::MarkReported(pair_count) = phase.then() {
             backend.begin_reported(sent, report, Some(pair_count))
         } else {
             backend.begin(sent, report)
@@ -122,7 +122,7 @@ impl Scene {
         } else {
             self.end(awaited)?;
         }
-        if phase.then() == Then::Resync {
+        if phase.then() == AfterPhase::Resync {
             self.resync();
         }
         Ok(())

@@ -15,7 +15,7 @@ mod restore;
 
 use std::collections::BTreeMap;
 
-pub use self::restore::{Phase, Then};
+pub use self::restore::{AfterPhase, RestorePhase};
 
 use self::log::{Delta, Log, Places};
 use self::restore::Incarnations;

@@ -48,9 +48,10 @@ impl Replicas<'_> {
 }
 
 /// What follows a phase's edit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Then {
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum AfterPhase {
     /// Nothing: what has changed is to be reported.
+    #[default]
     Nothing,
     /// The pairs of now count as reported, so many.
     MarkReported(u64),
@@ -60,8 +61,8 @@ pub enum Then {
 
 /// A phase of the way back: an edit, and what follows.
 #[derive(Debug, Default)]
-pub struct Phase {
-    then: Option<Then>,
+pub struct RestorePhase {
+    then: AfterPhase,
     /// The boxes that it leads to, unless they are those of the snapshot: the last phase.
     target: Option<Delta>,
     removed: Vec<u32>,
@@ -91,10 +92,10 @@ impl Boxes {
     }
 }
 
-impl Phase {
+impl RestorePhase {
     /// What follows the edit.
-    pub fn then(&self) -> Then {
-        self.then.unwrap_or(Then::Nothing)
+    pub const fn then(&self) -> AfterPhase {
+        self.then
     }
 
     /// The edit of the boxes as they were set.
@@ -254,22 +255,21 @@ impl Snapshots {
         Ok(())
     }
 
-    /// The next phase, after [`begin_restore`](Self::begin_restore) or a phase that was [done](Self::end_phase); `None`
-    /// after the last one.
-    fn phase_to(&mut self, replicas: &Replicas<'_>, is_first: bool) -> Phase {
+    /// The first phase to the last snapshot on the way, or the second one.
+    fn phase_to(&mut self, replicas: &Replicas<'_>, is_first: bool) -> RestorePhase {
         let Self { nodes, places, log, incarnations, .. } = self;
         let history = self.head.and_then(|head| nodes.get(&head)?.history.as_ref());
         let by_way_of = |target: Delta, count| {
-            let phase = Phase::to(&target, replicas, incarnations, false);
-            Phase { then: Some(Then::MarkReported(count)), target: Some(target), ..phase }
+            let phase = RestorePhase::to(&target, replicas, incarnations, false);
+            RestorePhase { then: AfterPhase::MarkReported(count), target: Some(target), ..phase }
         };
         let to_snapshot = |then, renews| {
-            let phase = Phase::to(log.delta(), replicas, incarnations, renews);
-            Phase { then: Some(then), ..phase }
+            let phase = RestorePhase::to(log.delta(), replicas, incarnations, renews);
+            RestorePhase { then, ..phase }
         };
         match (history, is_first) {
             (Some(History::Reported(count, since)), true) if since.is_empty() => {
-                to_snapshot(Then::MarkReported(*count), false)
+                to_snapshot(AfterPhase::MarkReported(*count), false)
             }
             (Some(History::Reported(count, since)), true) => {
                 by_way_of(since.clone().then(log.delta().clone(), places), *count)
@@ -278,13 +278,17 @@ impl Snapshots {
                 let all = (0..replicas.now.index_end()).map(|index| (index, None));
                 by_way_of(Delta { boxes: all.collect(), ..Delta::default() }, 0)
             }
-            (Some(History::Lost), true) => to_snapshot(Then::Resync, false),
-            _ => to_snapshot(Then::Nothing, true),
+            (Some(History::Lost), true) => to_snapshot(AfterPhase::Resync, false),
+            _ => to_snapshot(AfterPhase::Nothing, true),
         }
     }
 
     /// The phases of the way back that was [begun](Self::begin_restore): the first one, or the one after another.
-    pub fn next_phase(&mut self, replicas: &Replicas<'_>, last: Option<&Phase>) -> Option<Phase> {
+    pub fn next_phase(
+        &mut self,
+        replicas: &Replicas<'_>,
+        last: Option<&RestorePhase>,
+    ) -> Option<RestorePhase> {
         match last {
             Some(phase) if phase.target.is_none() => None,
             last => Some(self.phase_to(replicas, last.is_none())),
@@ -292,7 +296,7 @@ impl Snapshots {
     }
 
     /// Notes the edit of a phase that is about to be applied: what the boxes of the snapshot are.
-    pub fn note_phase(&mut self, phase: &Phase, replicas: &Replicas<'_>) {
+    pub fn note_phase(&mut self, phase: &RestorePhase, replicas: &Replicas<'_>) {
         if let Some(target) = &phase.target {
             // Also those that stay what they are: they are another incarnation, or were sent otherwise.
             self.log.note_boxes(target, replicas, &self.incarnations);
@@ -302,7 +306,7 @@ impl Snapshots {
     }
 
     /// Notes that the edit of a phase was applied, which was [noted](Self::note_phase) before.
-    pub fn end_phase(&mut self, phase: &Phase) {
+    pub fn end_phase(&mut self, phase: &RestorePhase) {
         for (index, record) in &phase.target.as_ref().unwrap_or(self.log.delta()).boxes {
             match record {
                 Some(record) => self.incarnations.set(*index, record.incarnation),
@@ -310,9 +314,9 @@ impl Snapshots {
             }
         }
         match phase.then() {
-            Then::MarkReported(count) => self.acknowledge(count),
-            Then::Resync => self.resync(),
-            Then::Nothing => {}
+            AfterPhase::MarkReported(count) => self.acknowledge(count),
+            AfterPhase::Resync => self.resync(),
+            AfterPhase::Nothing => {}
         }
         if phase.target.is_some() {
             return;

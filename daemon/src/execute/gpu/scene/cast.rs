@@ -2,6 +2,7 @@
 //! is read from there for the first cast, and after edits of many.
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 
 use pairmask_core::Aabb;
 use pairmask_core::aabb::order_key;
@@ -89,8 +90,8 @@ impl CastCopy {
                     *b = enabled;
                     changed.push(index);
                 }
-            } else if !disabled.contains_key(&index) {
-                disabled.insert(index, std::mem::replace(b, Aabb::EMPTY));
+            } else if let Entry::Vacant(place) = disabled.entry(index) {
+                place.insert(std::mem::replace(b, Aabb::EMPTY));
                 changed.push(index);
             }
         };
