@@ -52,7 +52,7 @@ fn queries_change_nothing_that_edits_report() {
     }
 }
 
-/// The copy that casts look at follows edits of few boxes, and is read again after others.
+/// The copy that casts look at follows edits, and is read again after some without a cast.
 #[test]
 fn casts_follow_edits() {
     let tools = scene_tools(0, &EngineOptions::default());

@@ -47,6 +47,21 @@ impl<'a> Replica<'a> {
         }
     }
 
+    /// Prefetches what is kept of an index.
+    #[inline]
+    pub(super) fn ask_for(&self, index: u32) {
+        match self.0 {
+            Holder::Copy(copy) => {
+                copy.ask_for(index);
+                copy.states().ask_for(index);
+            }
+            Holder::Store(store) => {
+                store.ask_for_box(index);
+                store.states.ask_for(index);
+            }
+        }
+    }
+
     /// What is known of each index beside its box.
     pub(super) const fn states(&self) -> &'a BoxStates {
         match self.0 {

@@ -2,7 +2,8 @@
 
 use std::collections::HashMap;
 
-use super::super::edit::{Edit, Step};
+use super::super::edit::{Edit, Indices, Step};
+use super::super::fetch::ask_for;
 use super::super::pair_list::Pair;
 use super::super::snapshot::BoxSnapshot;
 use super::Replicas;
@@ -111,10 +112,18 @@ impl Places {
         (place.epoch == self.epoch).then_some(place.at as usize)
     }
 
+    #[inline]
+    fn ask_for(&self, index: u32) {
+        ask_for(&self.of, index);
+    }
+
     pub const fn allocated_bytes(&self) -> usize {
         self.of.capacity() * size_of::<Place>()
     }
 }
+
+/// Boxes that are prefetched this many before they are noted: so many misses of the caches overlap.
+const AHEAD: usize = 16;
 
 /// A delta that grows by what edits are about to change.
 #[derive(Debug, Default)]
@@ -175,7 +184,12 @@ impl Log {
     ) {
         let Delta { boxes, sent, listed, table } = delta;
         self.delta.boxes.reserve(boxes.len());
-        for (at, (index, record)) in boxes.iter_mut().enumerate() {
+        for at in 0..boxes.len() {
+            if let Some((ahead, _)) = boxes.get(at + AHEAD) {
+                self.places.ask_for(*ahead);
+                replicas.now.ask_for(*ahead);
+            }
+            let (index, record) = &mut boxes[at];
             if let Some(own) = self.places.of(*index) {
                 std::mem::swap(record, &mut self.delta.boxes[own].1);
                 if let (Some(sent), Some(own)) = (sent.get_mut(at), self.delta.sent.get_mut(own)) {
@@ -228,7 +242,12 @@ impl Log {
             }
             // What names an index without a box and sets none is wrong, or follows a set.
             let sets = matches!(step, Step::Set(_));
-            indices.for_each(|_, index| {
+            let list = if let Indices::List(list) = indices { list } else { &[] };
+            indices.for_each(|at, index| {
+                if let Some(ahead) = list.get(at + AHEAD) {
+                    self.places.ask_for(*ahead);
+                    replicas.now.ask_for(*ahead);
+                }
                 if sets || index < end {
                     self.note_box(index, replicas, incarnations);
                 }

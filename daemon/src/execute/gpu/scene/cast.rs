@@ -1,5 +1,5 @@
-//! Casts into a scene in video memory: the cores answer them, from a copy of its boxes that follows edits of few boxes. It
-//! is read from there for the first cast, and after edits of many.
+//! Casts into a scene in video memory: the cores answer them, from a copy of its boxes that follows edits. It is read from
+//! there for the first cast, and where none was made for some edits.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -9,7 +9,7 @@ use pairmask_core::aabb::order_key;
 use pairmask_core::cast::Hit;
 use pairmask_core::engine::{CullError, ReserveError};
 use pairmask_core::scene::states::{BoxStates, DISABLED, PRESENT, STILL};
-use pairmask_core::scene::{Cast, CastTree, Edit, QueryError, Sets, Step};
+use pairmask_core::scene::{Cast, CastTree, Edit, Indices, QueryError, Sets, Step};
 
 use super::ENGINE;
 use super::memory::RECORD_BYTES;
@@ -20,8 +20,6 @@ use crate::execute::gpu::{Block, Command, Frame, GpuError, GpuScene, Home, Part}
 const UNUSED_EDITS: u32 = 256;
 /// Edits without a cast that the copy follows: to follow more would take longer than to read it when it is needed.
 const FOLLOWED_EDITS: u32 = 8;
-/// Where an edit sets one box in so many, to read all of them again is sooner done.
-const MANY_SHARE: usize = 16;
 
 /// A record as it lies in video memory: keys of the mins and maxes, the history, and flags in the low byte.
 type Record = [i32; 8];
@@ -56,8 +54,7 @@ impl CastCopy {
         if self.edits > UNUSED_EDITS {
             *self = Self::default();
         }
-        let is_large = edit.boxes() * MANY_SHARE > self.boxes.len();
-        self.is_current &= self.edits <= FOLLOWED_EDITS && !is_large;
+        self.is_current &= self.edits <= FOLLOWED_EDITS;
         if self.is_current && self.boxes.try_reserve(states.index_end()).is_err() {
             self.is_current = false;
         }
@@ -77,11 +74,19 @@ impl CastCopy {
         });
         // Who set a box may have changed it since the GPU read it, and finds what it wrote.
         for Sets { indices, boxes: set } in edit.sets() {
-            indices.for_each(|at, index| {
-                disabled.remove(&index);
-                boxes[index as usize] = set[at];
-                changed.push(index);
-            });
+            if let Indices::Range { first, count } = *indices {
+                let start = if count == 0 { 0 } else { first as usize };
+                boxes[start..][..set.len()].copy_from_slice(set);
+                changed.extend(first..first + count);
+            } else {
+                indices.for_each(|at, index| {
+                    boxes[index as usize] = set[at];
+                    changed.push(index);
+                });
+            }
+            if !disabled.is_empty() {
+                indices.for_each(|_, index| drop(disabled.remove(&index)));
+            }
         }
         let mut settle = |index: u32| {
             let b = &mut boxes[index as usize];
