@@ -85,7 +85,9 @@ impl CastCopy {
                 });
             }
             if !disabled.is_empty() {
-                indices.for_each(|_, index| drop(disabled.remove(&index)));
+                indices.for_each(|_, index| {
+                    disabled.remove(&index);
+                });
             }
         }
         let mut settle = |index: u32| {
