@@ -109,10 +109,12 @@ impl SceneAudit {
         }
         let boxes = self.corners();
         let pairs = (0..end as u32).flat_map(|a| (a + 1..end as u32).map(move |b| [a, b]));
-        let is_pair = |[a, b]: &[u32; 2]| {
-            boxes[*a as usize].overlap(&boxes[*b as usize]) && self.copy.states().may_meet([*a, *b])
-        };
-        Some(pairs.filter(is_pair).collect())
+        Some(pairs.filter(|pair| self.is_pair(&boxes, *pair)).collect())
+    }
+
+    fn is_pair(&self, boxes: &[Corners], pair: [u32; 2]) -> bool {
+        let [a, b] = pair.map(|index| &boxes[index as usize]);
+        a.overlap(b) && self.copy.states().may_meet(pair)
     }
 
     fn corners(&self) -> Vec<Corners> {
@@ -169,9 +171,8 @@ impl SceneAudit {
         let boxes = self.corners();
         for _ in 0..(TESTS / end.max(1)).max(1).min(end) {
             let row = self.random.below(end as u64) as u32;
-            for (other, theirs) in (0..).zip(&boxes).filter(|(other, _)| *other != row) {
-                let is = boxes[row as usize].overlap(theirs)
-                    && self.copy.states().may_meet([row, other]);
+            for other in (0..end as u32).filter(|other| *other != row) {
+                let is = self.is_pair(&boxes, [row, other]);
                 let pair = [row.min(other), row.max(other)];
                 outcome.note(is, self.known.contains(&pair), || pair);
             }

@@ -30,5 +30,7 @@ pub use self::model::{Listener, Model, PairsByGeneration, Received, ended, overl
 pub use self::script::{
     AtEnd, EndReason, Ended, Event, Fate, Mode, Op, Pair, Scope, Script, Turn, at, one, turn,
 };
-pub use self::shrink::{hold, hold_with_snapshots, hold_without_rules, shrunk};
+pub use self::shrink::{
+    hold, hold_all, hold_scripts, hold_without_rules, script_with_snapshots, shrunk,
+};
 pub use self::subjects::{Bare, BareScene, CoreScene, Moment, SessionScene, options};

@@ -34,17 +34,28 @@ pub fn hold_without_rules<S: Subject>(
 }
 
 /// With snapshots that are taken now and then, and gone back to.
-pub fn hold_with_snapshots<S: Subject>(
-    kind: Kind,
-    seed: u64,
-    edits: usize,
-    subject: impl FnMut(&Script) -> S,
-) -> Seen {
-    let script_of = |seed| script_of(kind, seed).with_snapshots(seed);
-    hold_scripts(kind, script_of, seed, edits, subject)
+pub fn script_with_snapshots(kind: Kind, seed: u64) -> Script {
+    script_of(kind, seed).with_snapshots(seed)
 }
 
-fn hold_scripts<S: Subject>(
+/// Plays scripts of several kinds, and looks whether they had what there is to report.
+pub fn hold_all<S: Subject>(
+    script_of: impl Fn(Kind, u64) -> Script,
+    seed: u64,
+    kinds: [(Kind, usize); 3],
+    mut subject: impl FnMut(&Script) -> S,
+) -> Seen {
+    let mut seen = Seen::default();
+    for (kind, edits) in kinds {
+        seen.add(hold_scripts(kind, |seed| script_of(kind, seed), seed, edits, &mut subject));
+    }
+    assert!(seen.ended.iter().all(|count| *count > 0), "each reason is reported: {seen:?}");
+    assert!(seen.resyncs > 0, "{seen:?}");
+    println!("{seen:?}");
+    seen
+}
+
+pub fn hold_scripts<S: Subject>(
     kind: Kind,
     script_of: impl Fn(u64) -> Script,
     mut seed: u64,

@@ -14,7 +14,7 @@ use pairmask_tests::gpu;
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{
     AtEnd, Bare, CoreScene, EndReason, Event, Fate, Kind, Mode, Model, Moment, Op, Received, Scope,
-    Script, Seen, SessionScene, Sessions, SharedMembers, Subject, Turn, at, check, hold,
+    Script, SessionScene, Sessions, SharedMembers, Subject, Turn, at, check, hold, hold_all,
     hold_without_rules, one, options, script_of, turn,
 };
 use pairmaskd::execute::gpu::{EngineOptions, GpuScene};
@@ -29,21 +29,6 @@ fn of_kinds(edits: usize) -> [(Kind, usize); 3] {
     [(Kind::Small, edits - crowds - large), (Kind::Crowd, crowds), (Kind::Large, large)]
 }
 
-fn hold_all<S: Subject>(
-    seed: u64,
-    kinds: [(Kind, usize); 3],
-    mut subject: impl FnMut(&Script) -> S,
-) -> Seen {
-    let mut seen = Seen::default();
-    for (kind, edits) in kinds {
-        seen.add(hold(kind, seed, edits, &mut subject));
-    }
-    assert!(seen.ended.iter().all(|count| *count > 0), "each reason is reported: {seen:?}");
-    assert!(seen.resyncs > 0, "{seen:?}");
-    println!("{seen:?}");
-    seen
-}
-
 /// A script for the nightly tier: a seed that no quick test has, and so many edits.
 fn nightly(edits: usize) -> (u64, [(Kind, usize); 3]) {
     let seed = given("PAIRMASK_MODEL_SEED", 1_000_000) as u64;
@@ -53,20 +38,20 @@ fn nightly(edits: usize) -> (u64, [(Kind, usize); 3]) {
 #[test]
 fn scenes_of_one_thread_are_those_of_the_model() {
     let kinds = [(Kind::Small, 8_000), (Kind::Crowd, 100), (Kind::Large, 60)];
-    hold_all(0, kinds, |script| CoreScene::new(script, 1));
+    hold_all(script_of, 0, kinds, |script| CoreScene::new(script, 1));
 }
 
 #[test]
 fn scenes_of_several_threads_are_those_of_the_model() {
     let kinds = [(Kind::Small, 1_000), (Kind::Crowd, 100), (Kind::Large, 60)];
-    pool(3).install(|| hold_all(10_000, kinds, |script| CoreScene::new(script, 3)));
+    pool(3).install(|| hold_all(script_of, 10_000, kinds, |script| CoreScene::new(script, 3)));
 }
 
 #[test]
 fn scenes_of_sessions_in_process_are_those_of_the_model() {
     let mut session = in_process();
     let kinds = [(Kind::Small, 2_000), (Kind::Crowd, 30), (Kind::Large, 30)];
-    hold_all(20_000, kinds, |script| {
+    hold_all(script_of, 20_000, kinds, |script| {
         SessionScene::of(&mut session, script, ServedBy::InProcess, EngineName::CpuGrid)
     });
 }
@@ -79,7 +64,7 @@ fn scenes_of_a_daemon_are_those_of_the_model() {
         SessionScene::of(&mut session, script, ServedBy::Daemon, EngineName::CpuGrid)
     };
     let kinds = [(Kind::Small, 2_000), (Kind::Crowd, 30), (Kind::Large, 30)];
-    hold_all(30_000, kinds, &mut scene);
+    hold_all(script_of, 30_000, kinds, &mut scene);
     let mut seed = 31_000;
     daemon.audit_is_clean(|audit| {
         // The auditor gives up a scene that is edited faster than it follows: then there are others.
@@ -97,7 +82,7 @@ fn scenes_of_a_gpu_are_those_of_the_model() {
     let daemon = TestDaemon::start(&["--gpu", "software"]);
     let engine = EngineName::GpuGrid;
     let mut session = daemon.connect_to(engine);
-    hold_all(seed, kinds, |script| {
+    hold_all(script_of, seed, kinds, |script| {
         SessionScene::of(&mut session, script, ServedBy::Daemon, engine)
     });
 }
@@ -121,7 +106,7 @@ fn scenes_outlive_a_daemon_that_is_killed() {
             daemon.borrow().signal_worker(Signal::KILL);
         }
     };
-    hold_all(seed, kinds, |script| {
+    hold_all(script_of, seed, kinds, |script| {
         SessionScene::disturbed(&mut session, script, |moment| match moment {
             // Time to come back.
             Moment::Answered(ServedBy::InProcess, _) => {
@@ -175,7 +160,7 @@ fn a_million_edits_are_those_of_the_model() {
     let (seed, kinds) = nightly(1_000_000);
     pool(3).install(|| {
         let threads = Cell::new(0);
-        hold_all(seed, kinds, |script| {
+        hold_all(script_of, seed, kinds, |script| {
             threads.set(threads.get() % 3 + 1);
             CoreScene::new(script, threads.get())
         });
@@ -187,7 +172,7 @@ fn a_million_edits_are_those_of_the_model() {
 fn a_hundred_thousand_edits_of_a_daemon_are_those_of_the_model() {
     let (seed, kinds) = nightly(100_000);
     let (daemon, mut session) = served();
-    hold_all(seed, kinds, |script| {
+    hold_all(script_of, seed, kinds, |script| {
         SessionScene::of(&mut session, script, ServedBy::Daemon, EngineName::CpuGrid)
     });
     let sessions = Sessions::new(&daemon.session());

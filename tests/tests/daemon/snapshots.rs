@@ -7,22 +7,17 @@ use std::time::Duration;
 use pairmask::{Margin, Scene, SceneEdit, SceneOptions};
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{
-    Edits, Grouped, Kind, Moment, Op, Received, Script, Seen, SessionScene, Subject,
-    hold_with_snapshots,
+    Edits, Grouped, Kind, Moment, Op, Received, Script, Seen, SessionScene, Subject, hold_all,
+    hold_scripts, script_with_snapshots,
 };
 
 /// Edits, snapshots and restores: about as many of each.
 fn hold_kinds<S: Subject>(
     seed: u64,
     kinds: [(Kind, usize); 3],
-    mut subject: impl FnMut(&Script) -> S,
+    subject: impl FnMut(&Script) -> S,
 ) -> Seen {
-    let mut seen = Seen::default();
-    for (kind, edits) in kinds {
-        seen.add(hold_with_snapshots(kind, seed, edits, &mut subject));
-    }
-    assert!(seen.ended.iter().all(|count| *count > 0) && seen.resyncs > 0, "{seen:?}");
-    seen
+    hold_all(script_with_snapshots, seed, kinds, subject)
 }
 
 fn kinds(quick: [usize; 3], nightly: [usize; 3]) -> [(Kind, usize); 3] {
@@ -49,7 +44,8 @@ fn scenes_of_a_daemon_go_back() {
     let mut seed = 211_000;
     daemon.audit_is_clean(|audit| {
         seed += 100;
-        hold_with_snapshots(Kind::Small, seed, 200, &mut scene);
+        let script_of = |seed| script_with_snapshots(Kind::Small, seed);
+        hold_scripts(Kind::Small, script_of, seed, 200, &mut scene);
         audit.frames > 100 && audit.pairs > 1_000
     });
 }

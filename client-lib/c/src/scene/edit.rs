@@ -3,7 +3,7 @@
 
 use bytemuck::{cast, cast_slice};
 use pairmask::Margin;
-use pairmask_core::scene::{FilterDataSets, Indices, Sets, Step};
+use pairmask_core::scene::{FilterDataSets, Indices, Sets, Step, UserDataSets};
 
 use super::edited::Given;
 use super::{change, pm_scene};
@@ -128,7 +128,10 @@ pub extern "C" fn pm_scene_set_user_data(
     user_data: In<u64>,
     n: usize,
 ) -> pm_code {
-    add(scene, || Ok(Given::UserData(indices.read()?, user_data.array(n)?)))
+    step(scene, || {
+        let (indices, user_data) = (indices.read()?, cast_slice(user_data.array(n)?));
+        Ok(Step::UserData(UserDataSets { indices, user_data }))
+    })
 }
 
 #[unsafe(no_mangle)]

@@ -14,7 +14,6 @@ pub enum Given {
     /// One that borrows nothing of this library.
     Step(Step<'static>),
     Table(FilterTable),
-    UserData(Indices<'static>, &'static [u64]),
     Single(u32, Aabb, Option<Margin>),
     /// Boxes with margins: one for all, or one for each.
     Margined {
@@ -132,7 +131,6 @@ fn send(edited: &mut Edited, report: Report) -> Result<Pending<SceneAnswer<'_>>,
     let edit = steps.iter().fold(scene.edit(), |edit, given| match given {
         Given::Step(step) => edit.step(*step),
         Given::Table(table) => edit.step(Step::Filters(table)),
-        Given::UserData(indices, user_data) => edit.set_all_user_data(*indices, user_data),
         Given::Single(index, b, None) => edit.set(*index, *b),
         Given::Single(index, b, Some(margin)) => edit.set_margined(*index, *b, *margin),
         Given::Margined { indices, boxes, margins } => match margins[..] {

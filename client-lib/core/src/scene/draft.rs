@@ -29,8 +29,6 @@ pub struct Draft {
     /// Indices of boxes that are given user data one by one.
     pub marked: Vec<u32>,
     /// Their user data.
-    pub marks: Vec<UserData>,
-    /// User data of [`Given::marked`].
     pub user_data: Vec<UserData>,
 }
 
@@ -41,8 +39,6 @@ pub struct Given<'a> {
     pub steps: Vec<Step<'a>>,
     /// Indices, and where their boxes lie in the field `filled` of the [`Draft`].
     pub fills: Vec<(Indices<'a>, Range<usize>)>,
-    /// Indices, and where their user data lie in the field `user_data` of the [`Draft`].
-    pub marked: Vec<(Indices<'a>, Range<usize>)>,
     /// Boxes with margins of their own, of a scene with margins.
     pub margined: Vec<MarginedSets<'a>>,
 }
@@ -58,15 +54,7 @@ impl Draft {
         self.filtered.clear();
         self.filter_data.clear();
         self.marked.clear();
-        self.marks.clear();
         self.user_data.clear();
-    }
-
-    /// Keeps user data, and says where.
-    pub fn mark(&mut self, user_data: impl IntoIterator<Item = u64>) -> Range<usize> {
-        let start = self.user_data.len();
-        self.user_data.extend(user_data.into_iter().map(UserData::from));
-        start..self.user_data.len()
     }
 
     fn singles(&self) -> Option<Sets<'_>> {
@@ -92,14 +80,10 @@ impl Draft {
             steps.push(Step::Remove(Indices::List(&self.removed)));
         }
         steps.extend(self.singles().map(Step::Set));
-        steps.extend(given.marked.iter().map(|(indices, slot)| {
-            let user_data = &self.user_data[slot.clone()];
-            Step::UserData(UserDataSets { indices: *indices, user_data })
-        }));
         if !self.marked.is_empty() {
             steps.push(Step::UserData(UserDataSets {
                 indices: Indices::List(&self.marked),
-                user_data: &self.marks,
+                user_data: &self.user_data,
             }));
         }
         if !self.filtered.is_empty() {

@@ -45,6 +45,7 @@ mod edit;
 mod error;
 mod fetch;
 mod history;
+mod indices;
 mod margins;
 mod options;
 mod pair_list;

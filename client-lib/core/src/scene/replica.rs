@@ -1,7 +1,7 @@
 //! A scene's boxes by index, whichever keeps them: a scene, or the copy of its client.
 
 use super::Scene;
-use super::copy::SceneCopy;
+use super::copy::{SceneCopy, WholeScene};
 use super::snapshot::BoxSnapshot;
 use super::states::BoxStates;
 use super::store::Store;
@@ -59,6 +59,14 @@ impl<'a> Replica<'a> {
                 store.ask_for_box(index);
                 store.states.ask_for(index);
             }
+        }
+    }
+
+    /// All of it, as an edit that makes it where there is no box.
+    pub fn whole(&self) -> WholeScene<'a> {
+        match self.0 {
+            Holder::Copy(copy) => copy.whole(),
+            Holder::Store(store) => store.whole(),
         }
     }
 

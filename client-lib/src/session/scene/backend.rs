@@ -15,7 +15,7 @@ use pairmask_wire::LeaseAction;
 use super::lists::Source;
 use super::options::SceneOptions;
 use super::question::Question;
-use super::remote::{Found, RemoteScene, new_scene};
+use super::remote::{Found, RemoteScene, edit_here, new_scene};
 use super::sharing::Sharing;
 use crate::session::core::Core;
 use crate::session::error::Error;
@@ -59,12 +59,8 @@ impl SceneBackend {
         }
     }
 
-    pub fn begin(&mut self, edit: Edit<'_>, report: Report) -> Result<Awaited, Error> {
-        self.begin_reported(edit, report, None)
-    }
-
-    /// Begins an edit, whose pairs count as reported afterwards where it is said how many there are.
-    pub fn begin_reported(
+    /// Begins an edit, after which the pairs count as [reported](edit_here) where it is said how many there are.
+    pub fn begin(
         &mut self,
         edit: Edit<'_>,
         report: Report,
@@ -73,10 +69,7 @@ impl SceneBackend {
         match self {
             Self::Remote(scene) => scene.begin(edit, report, reported),
             Self::Here(scene) => {
-                scene.edit(edit, report)?;
-                if let Some(pair_count) = reported {
-                    scene.mark_reported(pair_count);
-                }
+                edit_here(scene, edit, report, reported)?;
                 Ok(Awaited::default())
             }
         }
@@ -180,18 +173,12 @@ impl Scene {
 
     /// The box of an index as it was set, also one that is disabled.
     pub fn get(&self, index: u32) -> Option<Aabb> {
-        match &self.margins {
-            Some(margins) => margins.now().get(index),
-            None => self.inflated(index),
-        }
+        self.replicas().now.get(index)
     }
 
     /// The box of an index as it was sent: inflated, where it has a margin.
     pub fn inflated(&self, index: u32) -> Option<Aabb> {
-        match &self.backend {
-            SceneBackend::Remote(scene) => scene.copy().get(index),
-            SceneBackend::Here(scene) => scene.get(index),
-        }
+        self.backend.sent().get(index)
     }
 
     /// The user data of an index, which its box was [given](super::SceneEdit::set_user_data), or else 0. That of a removed
@@ -199,7 +186,7 @@ impl Scene {
     ///
     /// Of a shared scene, that of other members' boxes is known as of the last answer.
     pub fn user_data(&self, index: u32) -> u64 {
-        let own = replicas(&self.backend, self.margins.as_deref()).now;
+        let own = self.replicas().now;
         match self.backend.sharing() {
             // The answer of a tick says that of own boxes too.
             Some(sharing) if own.get(index).is_none() => sharing.others.of(index),
@@ -284,6 +271,10 @@ impl Scene {
         self.backend.sharing()?.terms().deadline
     }
 
+    pub(super) fn replicas(&self) -> Replicas<'_> {
+        replicas(&self.backend, self.margins.as_deref())
+    }
+
     /// How long an answer is waited for, and how.
     pub(super) fn settings(&self) -> &Settings {
         match &self.backend {
@@ -316,7 +307,7 @@ impl Scene {
         let edit = Edit { steps: &all };
         snapshots.note(edit, &replicas(backend, margins.as_deref()), *index_limit);
         let Some(margins) = margins else {
-            let begun = backend.begin(edit, report);
+            let begun = backend.begin(edit, report, None);
             if is_applied(&begun) {
                 snapshots.note_applied(edit);
             }
@@ -324,7 +315,8 @@ impl Scene {
         };
         let sets = draft.margined(given, margins.usual());
         let ask = margins.choose(edit, &sets, report, backend.sent())?;
-        let sent = ask.map(|report| backend.begin(Edit { steps: &margins.request(&all) }, report));
+        let sent =
+            ask.map(|report| backend.begin(Edit { steps: &margins.request(&all) }, report, None));
         if sent.as_ref().is_none_or(is_applied) {
             margins.apply(edit, report, ask.is_some());
             snapshots.note_applied(edit);

@@ -5,6 +5,7 @@ use pairmask_core::filters::{FilterData, FilterTable};
 use pairmask_core::precision::Margin;
 use pairmask_core::scene::{
     EditError, FilterDataSets, Given, Indices, MarginedSets, Margins, Report, Sets, Step,
+    UserDataSets,
 };
 
 use super::answer::{SceneAnswer, Submitted};
@@ -185,15 +186,14 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
     /// ```
     pub fn set_user_data(self, index: u32, user_data: u64) -> Self {
         self.scene.draft.marked.push(index);
-        self.scene.draft.marks.push(user_data.into());
+        self.scene.draft.user_data.push(user_data.into());
         self
     }
 
     /// Gives boxes user data, as [`set_user_data`](Self::set_user_data) does.
-    pub fn set_all_user_data(mut self, indices: impl Into<Indices<'a>>, user_data: &[u64]) -> Self {
-        let slot = self.scene.draft.mark(user_data.iter().copied());
-        self.given.marked.push((indices.into(), slot));
-        self
+    pub fn set_all_user_data(self, indices: impl Into<Indices<'a>>, user_data: &'a [u64]) -> Self {
+        let (indices, user_data) = (indices.into(), bytemuck::cast_slice(user_data));
+        self.step(Step::UserData(UserDataSets { indices, user_data }))
     }
 
     /// The filters that filter data names, in place of all before.

@@ -5,7 +5,7 @@ use std::io::{Read, Write};
 use pairmask_core::scene::{Edit, Report};
 use pairmask_wire::{SceneFile, write_scene};
 
-use super::backend::{Scene, SceneBackend};
+use super::backend::Scene;
 use super::edit::SceneEdit;
 use crate::session::error::Error;
 
@@ -35,11 +35,7 @@ impl Scene {
     /// [`Error::SceneFile`].
     pub fn save(&mut self, mut to: impl Write) -> Result<(), Error> {
         self.settle();
-        let whole = match (&self.margins, &self.backend) {
-            (Some(margins), _) => margins.now().whole(),
-            (None, SceneBackend::Remote(remote)) => remote.copy().whole(),
-            (None, SceneBackend::Here(here)) => here.whole(),
-        };
+        let whole = self.replicas().now.whole();
         Ok(write_scene(Edit { steps: &whole.steps() }, &mut to)?)
     }
 

@@ -668,12 +668,7 @@ impl RemoteScene {
     /// Applies an edit in this process, where the scene is made from the copy if need be.
     fn edit_here(&mut self, edit: Edit<'_>, report: Report) -> Result<(), Error> {
         let reported = self.reported;
-        let scene = self.here()?;
-        scene.edit(edit, report)?;
-        if let Some(pair_count) = reported {
-            scene.mark_reported(pair_count);
-        }
-        Ok(())
+        edit_here(self.here()?, edit, report, reported)
     }
 
     /// The scene of this process, which is made from the copy if need be.
@@ -741,6 +736,20 @@ fn send_edit(
     let header = header(asked.client_token, asked.frame, &request);
     let exchange = Exchange::begin(shared, &header)?;
     Ok(SentEdit { exchange, asked, report: request.report, expected: Expected::default() })
+}
+
+/// Applies an edit to a scene of this process. Where it is said how many pairs there are afterwards, these count as reported.
+pub(super) fn edit_here(
+    scene: &mut Scene,
+    edit: Edit<'_>,
+    report: Report,
+    reported: Option<u64>,
+) -> Result<(), Error> {
+    scene.edit(edit, report)?;
+    if let Some(pair_count) = reported {
+        scene.mark_reported(pair_count);
+    }
+    Ok(())
 }
 
 /// Whether the daemon says that it has no scene of this revision.

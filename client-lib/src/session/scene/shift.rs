@@ -41,7 +41,7 @@ impl Scene {
         let by = by.into();
         self.settle();
         let is_near = self.margins.as_ref().is_some_and(|margins| !margins.is_exact());
-        let index_end = replicas(&self.backend, self.margins.as_deref()).now.index_end();
+        let index_end = self.replicas().now.index_end();
         let (mut indices, mut boxes, mut inflated): (Vec<u32>, Vec<Aabb>, Vec<Aabb>) =
             Default::default();
         for index in 0..index_end {
@@ -64,7 +64,7 @@ impl Scene {
         let edit = Edit { steps: &edit };
         let Self { backend, margins, snapshots, index_limit, .. } = self;
         snapshots.note(edit, &replicas(backend, margins.as_deref()), *index_limit);
-        let awaited = backend.begin(Edit { steps: &sent }, Report::Nothing);
+        let awaited = backend.begin(Edit { steps: &sent }, Report::Nothing, None);
         if is_applied(&awaited) {
             if let Some(margins) = margins {
                 margins.shift(edit);

@@ -90,28 +90,24 @@ impl Scene {
         let (steps, sent_steps) = (phase.steps(), phase.sent_steps());
         let (edit, sent) = (Edit { steps: &steps }, Edit { steps: &sent_steps });
         snapshots.note_phase(phase, &replicas(backend, margins.as_deref()));
-        let mut report = Report::Nothing;
-        let begun = if let Some(margins) = margins {
-            if matches!(phase.then(), AfterPhase::MarkReported(_)) {
-                // Which pairs are near is kept here: the daemon reports which of them began and ended.
-                report = Report::Changes;
-            }
-            margins.begin_restore(edit)?;
-            let begun = backend.begin(sent, report);
-            if is_applied(&begun) {
-                margins.apply(edit, report, true);
-            } else {
-                margins.cancel(edit);
-            }
-            begun
-        } else if let AfterPhase::MarkReported(pair_count) = phase.then() {
-            backend.begin_reported(sent, report, Some(pair_count))
-        } else {
-            backend.begin(sent, report)
+        let (report, reported) = match (phase.then(), &margins) {
+            // Which pairs are near is kept here: the daemon reports which of them began and ended.
+            (AfterPhase::MarkReported(_), Some(_)) => (Report::Changes, None),
+            (AfterPhase::MarkReported(pair_count), None) => (Report::Nothing, Some(pair_count)),
+            _ => (Report::Nothing, None),
         };
+        if let Some(margins) = margins {
+            margins.begin_restore(edit)?;
+        }
+        let begun = backend.begin(sent, report, reported);
         if is_applied(&begun) {
+            if let Some(margins) = margins {
+                margins.apply(edit, report, true);
+            }
             snapshots.note_applied(edit);
             snapshots.end_phase(phase);
+        } else if let Some(margins) = margins {
+            margins.cancel(edit);
         }
         let awaited = begun?;
         if report == Report::Changes {

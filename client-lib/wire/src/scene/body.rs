@@ -11,9 +11,7 @@ use pairmask_core::write::par_write_boxes;
 use super::request::{BOX_BYTES, SceneRequest};
 use crate::page::Page;
 use crate::reject::Reject;
-use crate::rules::entries::{
-    FILTER_DATA_WORDS, FILTER_WORDS, NAMED_PER_BOX, PAIR_WORDS, filter_of, words_of,
-};
+use crate::rules::entries::{FILTER_WORDS, NAMED_PER_BOX, PAIR_WORDS, filter_of, words_of};
 use crate::section::{Section, SectionKind};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
@@ -49,9 +47,6 @@ const INCLUDE_NO_MORE: u32 = 10;
 const EXCLUDE: u32 = 11;
 const EXCLUDE_NO_MORE: u32 = 12;
 const USER_DATA: u32 = 13;
-
-/// Words of user data: a u64.
-const USER_DATA_WORDS: usize = 2;
 
 const LIST: u32 = 1;
 const RANGE: u32 = 2;
@@ -310,7 +305,9 @@ impl EditScratch {
         let wrong = Reject::Edit("filters");
         let mut tables = self.records.iter().filter(|record| record.does == FILTERS);
         if let Some(record) = tables.next() {
-            let words = entries_of::<[u32; FILTER_WORDS]>(record, &self.words).ok_or(wrong)?;
+            let words =
+                entries_of::<[u32; FILTER_WORDS]>(record, record.count as usize, &self.words)
+                    .ok_or(wrong)?;
             let filters: Vec<Filter> = words.iter().map(filter_of).collect();
             self.table = FilterTable::new(&filters).map_err(|_| wrong)?;
         }
@@ -338,7 +335,7 @@ impl EditScratch {
         indices: Indices<'a>,
         boxes: &'a [Aabb],
     ) -> Option<Step<'a>> {
-        let pairs = || entries_of::<[u32; PAIR_WORDS]>(record, &self.words);
+        let pairs = || entries_of::<[u32; PAIR_WORDS]>(record, record.count as usize, &self.words);
         Some(match record.does {
             REMOVE => Step::Remove(indices),
             SET => {
@@ -351,11 +348,11 @@ impl EditScratch {
             MAKE_MOVABLE => Step::Static(indices, false),
             FILTER_DATUM => Step::FilterData(FilterDataSets {
                 indices,
-                filter_data: self.entries_at(record, indices.len(), FILTER_DATA_WORDS)?,
+                filter_data: entries_of(record, indices.len(), &self.words)?,
             }),
             USER_DATA => Step::UserData(UserDataSets {
                 indices,
-                user_data: self.entries_at(record, indices.len(), USER_DATA_WORDS)?,
+                user_data: entries_of(record, indices.len(), &self.words)?,
             }),
             FILTERS => Step::Filters(&self.table),
             INCLUDE => Step::Include(pairs()?, true),
@@ -364,14 +361,6 @@ impl EditScratch {
             EXCLUDE_NO_MORE => Step::Exclude(pairs()?, false),
             _ => return None,
         })
-    }
-}
-
-impl EditScratch {
-    /// An entry of so many words for each index of a step.
-    fn entries_at<T: Pod>(&self, record: &StepRecord, count: usize, words: usize) -> Option<&[T]> {
-        let own = self.words.get(record.entries_at as usize..)?;
-        Some(bytemuck::cast_slice(own.get(..count.checked_mul(words)?)?))
     }
 }
 
@@ -389,8 +378,8 @@ fn indices_of<'a>(record: &StepRecord, words: &'a [u32]) -> Option<Indices<'a>> 
     }
 }
 
-/// As many items as a step counts, of words that begin where it says.
-fn entries_of<'a, T: Pod>(record: &StepRecord, words: &'a [u32]) -> Option<&'a [T]> {
-    let count = (record.count as usize).checked_mul(size_of::<T>() / 4)?;
-    Some(bytemuck::cast_slice(words.get(record.entries_at as usize..)?.get(..count)?))
+/// So many items of a step, of words that begin where it says.
+fn entries_of<'a, T: Pod>(record: &StepRecord, count: usize, words: &'a [u32]) -> Option<&'a [T]> {
+    let len = count.checked_mul(size_of::<T>() / size_of::<u32>())?;
+    Some(bytemuck::cast_slice(words.get(record.entries_at as usize..)?.get(..len)?))
 }

@@ -8,6 +8,7 @@
 //! questions what both have in their payload
 //! answer    the header and the payload of what is reported
 //! shared    scenes that several sessions write
+//! tick      what a tick of theirs says beside pairs
 //! file      scenes that are saved
 //! ```
 
@@ -19,6 +20,7 @@ mod query;
 mod questions;
 mod request;
 mod shared;
+mod tick;
 
 pub use answer::{EndedPairs, SceneAnswerLayout, SceneReply, response_scene, response_scene_ended};
 pub use body::{EditLayout, EditScratch};
@@ -28,6 +30,7 @@ pub use query::QueryRequest;
 pub use request::{SceneId, SceneRequest};
 pub use shared::{
     AgreedTerms, JoinRequest, LONGEST_TICK, LeaseAction, LeaseRequest, SceneName, SceneNameError,
-    SharedTerms, TermsDiffer, TickMarks, TickNotes, lease_detail, lease_error, not_leased,
-    not_leased_detail, parse_joined, parse_leased, response_joined, response_leased,
+    SharedTerms, TermsDiffer, lease_detail, lease_error, not_leased, not_leased_detail,
+    parse_joined, parse_leased, response_joined, response_leased,
 };
+pub use tick::{TickMarks, TickNotes};

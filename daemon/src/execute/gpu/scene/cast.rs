@@ -8,7 +8,7 @@ use pairmask_core::Aabb;
 use pairmask_core::aabb::order_key;
 use pairmask_core::cast::Hit;
 use pairmask_core::engine::{CullError, ReserveError};
-use pairmask_core::scene::states::{BoxStates, DISABLED, PRESENT, STILL};
+use pairmask_core::scene::states::{BoxStates, DISABLED, PRESENT, STILL, grow};
 use pairmask_core::scene::{Cast, CastTree, Edit, Indices, QueryError, Sets, Step};
 
 use super::ENGINE;
@@ -54,10 +54,9 @@ impl CastCopy {
         if self.edits > UNUSED_EDITS {
             *self = Self::default();
         }
-        self.is_current &= self.edits <= FOLLOWED_EDITS;
-        if self.is_current && self.boxes.try_reserve(states.index_end()).is_err() {
-            self.is_current = false;
-        }
+        let is_followed = self.is_current && self.edits <= FOLLOWED_EDITS;
+        self.is_current =
+            is_followed && grow(&mut self.boxes, states.index_end(), Aabb::EMPTY).is_ok();
         if self.is_current {
             self.follow(edit, states);
         }
@@ -66,7 +65,6 @@ impl CastCopy {
     fn follow(&mut self, edit: Edit<'_>, states: &BoxStates) {
         let Self { boxes, disabled, changed, tree, .. } = self;
         changed.clear();
-        boxes.resize(states.index_end().max(boxes.len()), Aabb::EMPTY);
         edit.for_each_removed(|index| {
             disabled.remove(&index);
             boxes[index as usize] = Aabb::EMPTY;

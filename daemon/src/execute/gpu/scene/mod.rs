@@ -178,10 +178,7 @@ impl GpuScene {
             HistorySnapshot::Reported(count) => scene.mark_reported(count),
             // All that there is has changed since there was nothing.
             HistorySnapshot::Unreported => {}
-            HistorySnapshot::Lost => {
-                scene.begin_history();
-                scene.known = Known::Lost;
-            }
+            HistorySnapshot::Lost => scene.resync(),
         }
         Ok(scene)
     }
