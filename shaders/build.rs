@@ -4,10 +4,13 @@ use std::path::Path;
 use std::{env, fs, io};
 
 /// What Rust reads or writes.
-const SHARED: [&str; 15] = [
+const SHARED: [&str; 18] = [
     "AwakeParams",
     "BatchReport",
     "BatchTotals",
+    "CastGroupsParams",
+    "CastLevel",
+    "CastParams",
     "GridLayout",
     "GridLevel",
     "GridParams",

@@ -162,10 +162,18 @@ pub enum SceneStage {
     QueryDeal,
     /// Pairs of each query in order, to the host.
     QuerySort,
+    /// Records to the boxes of a tree, and groups of them.
+    CastBoxes,
+    /// Groups of a level to those of the next.
+    CastGroups,
+    /// Rays against the tree, candidates to the host.
+    CastRays,
+    /// Spheres against the tree, candidates to the host.
+    CastSpheres,
 }
 
 impl SceneStage {
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 15] = [
         Self::Apply,
         Self::Mark,
         Self::Cells,
@@ -177,6 +185,10 @@ impl SceneStage {
         Self::QueryStarts,
         Self::QueryDeal,
         Self::QuerySort,
+        Self::CastBoxes,
+        Self::CastGroups,
+        Self::CastRays,
+        Self::CastSpheres,
     ];
 }
 
@@ -206,10 +218,11 @@ macro_rules! shared {
 
 pub(crate) const SHARED: &[(&str, &str)] = shared! {
     "band_words" "batch" "box_batch" "box_rules" "box_worlds_none" "box_worlds_ruled" "boxes_f16"
-    "boxes_f32" "boxes_q16" "boxes_q8" "boxes_spheres" "cells" "cells_around" "found_pairs"
+    "boxes_f32" "boxes_q16" "boxes_q8" "boxes_spheres" "cast_bounds" "cast_params" "cast_ray"
+    "cast_sphere" "cells" "cells_around" "found_pairs"
     "found_words" "grid_layout" "grid_of_boxes" "grid_of_spheres" "grid_params" "order_keys"
     "pair_rules_none" "pair_rules_ruled" "pairs_of_boxes" "pairs_of_spheres" "rows_1" "rows_2"
-    "rows_4" "scan" "scene_filter" "scene_found" "scene_params" "scene_records" "scene_search"
+    "rows_4" "scan" "scene_filter" "scene_found" "scene_history" "scene_params" "scene_records" "scene_search"
     "scene_share_part" "scene_share_whole" "sphere_bounds" "sphere_exact" "sphere_filter"
     "sphere_rows_1" "sphere_rows_2" "sphere_rows_4" "sphere_settled" "written_pairs"
     "written_words" "written_worlds_none" "written_worlds_ruled"
@@ -298,6 +311,9 @@ impl Stage {
             Self::Scene(SceneStage::QueryStarts) => file!("scene_query_starts"),
             Self::Scene(SceneStage::QueryDeal) => file!("scene_query_deal"),
             Self::Scene(SceneStage::QuerySort) => file!("scene_query_sort"),
+            Self::Scene(SceneStage::CastBoxes) => file!("cast_boxes"),
+            Self::Scene(SceneStage::CastGroups) => file!("cast_groups"),
+            Self::Scene(SceneStage::CastRays | SceneStage::CastSpheres) => file!("cast"),
         }
     }
 
@@ -332,6 +348,8 @@ impl Stage {
             },
             ("scene_share", Self::Scene(SceneStage::SharedPairs)) => "scene_share_part".to_owned(),
             ("scene_share", Self::Scene(_)) => "scene_share_whole".to_owned(),
+            ("cast_question", Self::Scene(SceneStage::CastRays)) => "cast_ray".to_owned(),
+            ("cast_question", Self::Scene(_)) => "cast_sphere".to_owned(),
             ("box_worlds" | "pair_rules" | "written_worlds", Self::Grid(stage)) => {
                 format!("{name}_{}", if stage.has_rules() { "ruled" } else { "none" })
             }

@@ -76,6 +76,12 @@ constants! {
     /// Pairs of a query that the GPU sorts, at most: each is compared with all others. The host sorts longer rows.
     SORTED_ROW = 256;
 
+    /// Invocations of a workgroup that looks for a ray or a sphere: two groups of 16 boxes, a subgroup of most devices.
+    CAST_LANES = 32;
+
+    /// Most levels of a tree of groups of 16: those of 2^32 boxes.
+    CAST_LEVELS = 8;
+
     /// What a scene's pair is reported as: it began, or why it ended.
     REPORT_BEGUN = 0;
     /// A box of it was removed.

@@ -3,7 +3,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::constants::{BATCH_WORDS, GRID_LEVELS, SCENE_SAMPLES};
+use crate::constants::{BATCH_WORDS, CAST_LEVELS, GRID_LEVELS, SCENE_SAMPLES};
 
 /// Name and size of a struct, its members and where they lie in it.
 #[cfg(test)]

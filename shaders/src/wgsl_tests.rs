@@ -7,7 +7,7 @@ use naga::valid::{Capabilities, ValidationFlags, Validator};
 use pairmask_core::BoxForm;
 
 use crate::compose::SHARED;
-use crate::constants::{BATCH_BOXES, MAX_STRIP_BLOCKS, PAIRS_WORKGROUP};
+use crate::constants::{BATCH_BOXES, CAST_LANES, MAX_STRIP_BLOCKS, PAIRS_WORKGROUP};
 use crate::layouts::{LAYOUTS, Layout};
 use crate::{
     Found, GridStage, PairsVariant, RowsPerThread, Rules, SceneStage, Stage, compose, shared_part,
@@ -50,7 +50,7 @@ fn module(stage: Stage) -> naga::Module {
 #[test]
 fn every_form_of_every_stage_validates_and_binds_from_zero_on() {
     let forms = all_forms();
-    assert_eq!(forms.len(), 4 + 4 + 2 * (4 + 2 + 2) + 3 + 11 + 4 + 2 * 3 * 2 * 5);
+    assert_eq!(forms.len(), 4 + 4 + 2 * (4 + 2 + 2) + 3 + 15 + 4 + 2 * 3 * 2 * 5);
     for stage in forms {
         let module = module(stage);
         let capabilities = Capabilities::IMMEDIATES;
@@ -61,6 +61,7 @@ fn every_form_of_every_stage_validates_and_binds_from_zero_on() {
         assert_eq!((module.entry_points.len(), entry.name.as_str()), (1, "main"));
         let expected = match stage {
             Stage::Pairs(_) | Stage::SpherePairs(_) => PAIRS_WORKGROUP,
+            Stage::Scene(SceneStage::CastRays | SceneStage::CastSpheres) => CAST_LANES,
             _ => BATCH_BOXES,
         };
         assert_eq!(entry.workgroup_size, [expected, 1, 1], "{}", stage.label());

@@ -8,6 +8,7 @@
 #import box_batch
 #import scene_params
 #import scene_records
+#import scene_history
 
 // Binding 0: the boxes, of `box_batch`.
 @group(0) @binding(1) var<storage, read> params: SceneParams;

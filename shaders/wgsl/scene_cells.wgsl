@@ -10,6 +10,7 @@
 #import constants
 #import scene_params
 #import scene_records
+#import scene_history
 #import grid_layout
 #import scene_filter
 

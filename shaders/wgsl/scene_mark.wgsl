@@ -5,6 +5,7 @@
 #import constants
 #import scene_params
 #import scene_records
+#import scene_history
 
 @group(0) @binding(0) var<storage, read> params: SceneParams;
 // Index, and the flags that it has from now on; above them MARK_NAMES, and MARK_REMOVES or MARK_TOUCHES, which both

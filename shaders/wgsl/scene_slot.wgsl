@@ -5,6 +5,7 @@
 #import constants
 #import scene_params
 #import scene_records
+#import scene_history
 
 @group(0) @binding(0) var<storage, read> params: SceneParams;
 @group(0) @binding(1) var<storage, read> now: array<vec4<i32>>;

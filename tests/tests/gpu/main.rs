@@ -10,6 +10,7 @@ mod import;
 mod loss;
 mod masks;
 mod rules;
+mod scene_casts;
 mod scene_loss;
 mod scene_queries;
 mod scenes;

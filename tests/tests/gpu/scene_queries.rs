@@ -2,13 +2,11 @@
 
 use std::sync::Arc;
 
-use pairmask::cast::{Hits, Ray, Shapes};
-use pairmask_core::scene::{Cast, Indices, QueryError, QueryFilterData, Scene};
+use pairmask_core::scene::{QueryError, QueryFilterData};
 use pairmask_tests::gpu::scene_tools;
 use pairmask_tests::prelude::*;
 use pairmask_tests::queried::Queries;
 use pairmask_tests::scene_model::{Bare, Kind, hold_without_rules, options, overlap};
-use pairmask_tests::stress_scenes::Rng;
 use pairmaskd::execute::gpu::{Checks, EngineOptions, GpuScene, SceneTools};
 
 fn expected(queries: &[Aabb], boxes: &[Aabb]) -> Vec<[u32; 2]> {
@@ -49,52 +47,6 @@ fn queries_change_nothing_that_edits_report() {
         hold_without_rules(kind, 100_000, edits, |script| {
             Bare::asked(GpuScene::new(&tools, options(script)), 1)
         });
-    }
-}
-
-/// The copy that casts look at follows edits, and is read again after some without a cast.
-#[test]
-fn casts_follow_edits() {
-    let tools = scene_tools(0, &EngineOptions::default());
-    let boxes: Vec<Aabb> = (0..400).map(|index| at(index as f32)).collect();
-    let mut gpu = scene_of(&tools, &boxes);
-    let mut core = Scene::new(SceneOptions::default());
-    core.edit(Edit { steps: &sets_all(&boxes) }, Report::Nothing).expect("an answer");
-    // It hits all boxes; from 32 casts on there is a tree.
-    let ray = [Ray::new([-9.0, 0.5, 0.5], [1.0, 0.0, 0.0])];
-    let cast = Cast {
-        shapes: Shapes::Rays(&ray),
-        hits: Hits::All,
-        filter_data: QueryFilterData::None,
-        most_hits: 1 << 20,
-    };
-    let mut random = Rng::new(3);
-    let mut found = [Vec::new(), Vec::new()];
-    for round in 0..200 {
-        let index = random.below(400);
-        let one = Indices::Range { first: index, count: 1 };
-        let moved = [at(random.below(900) as f32)];
-        let (is_there, set) = (core.get(index).is_some(), sets(index..index + 1, &moved));
-        let on = Step::Enable(one, random.below(2) == 0);
-        let steps: &[Step<'_>] = match random.below(6) {
-            0 if is_there => &[Step::Remove(one)],
-            1 if is_there => &[Step::Remove(one), set, on],
-            2 | 3 if is_there => &[on],
-            4 => &[on, set],
-            _ => &[set],
-        };
-        let edit = if random.below(30) == 0 { &sets_all(&boxes)[..] } else { steps };
-        for _ in 0..if random.below(20) == 0 { 12 } else { 1 } {
-            core.edit(Edit { steps: edit }, Report::Nothing).expect("right");
-            gpu.edit(Edit { steps: edit }, Report::Nothing).expect("right");
-            if edit.iter().any(|step| matches!(step, Step::Remove(_))) {
-                break;
-            }
-        }
-        core.cast(&cast, &mut found[0]).expect("hits");
-        gpu.cast(&cast, &mut found[1]).expect("hits");
-        assert!(found[0] == found[1], "round {round}: {steps:?}");
-        assert!(found[0].len() > 200);
     }
 }
 

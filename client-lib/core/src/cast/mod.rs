@@ -43,8 +43,8 @@ mod ray;
 mod search;
 mod tree;
 
-pub use self::search::{Among, Limits, Shapes};
-pub use self::tree::BoxTree;
+pub use self::search::{Among, CandidatesOf, Limits, Shapes};
+pub use self::tree::{BoxTree, near_order};
 
 use bytemuck::{Pod, Zeroable};
 

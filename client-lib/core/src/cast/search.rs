@@ -33,6 +33,15 @@ pub struct Limits {
     pub threads: usize,
 }
 
+impl Limits {
+    /// The error where there are more hits than may be.
+    pub fn exceeded(&self) -> CullError {
+        let bytes = |hits: u64| hits.saturating_mul(HIT_BYTES as u64);
+        let at_least_bytes = bytes(self.most_hits.saturating_add(1));
+        ReserveError::TooLarge { at_least_bytes, limit_bytes: bytes(self.most_hits) }.into()
+    }
+}
+
 /// What is cast.
 #[derive(Clone, Copy, Debug)]
 pub enum Shapes<'a> {
@@ -69,13 +78,18 @@ impl Shapes<'_> {
     }
 }
 
+/// Adds the candidates of a question, given its number: boxes and their indices, each once.
+pub type CandidatesOf<'a> = dyn Fn(u32, &mut Vec<(u32, Aabb)>) + Sync + 'a;
+
 /// Where hits are searched for.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub enum Among<'a> {
     /// In a tree.
     Tree(&'a BoxTree),
     /// Among boxes that are looked at one after the other: index i is box i.
     Boxes(&'a [Aabb]),
+    /// Among those that somebody found for each question.
+    Candidates(&'a CandidatesOf<'a>),
 }
 
 impl Among<'_> {
@@ -132,9 +146,9 @@ impl Question for Ray {
 
 impl Question for Sphere {
     fn ask(&self, search: &mut Search<'_>, admits: &dyn Fn(u32) -> bool) {
-        let reach = match search.among {
-            Among::Tree(tree) => tree.reach(),
-            Among::Boxes(_) => 0.0,
+        let reach = match search.place {
+            Place::Tree(tree) => tree.reach(),
+            Place::Boxes(_) => 0.0,
         };
         if let Some(probe) = SphereProbe::new(self, reach) {
             search.run(&probe, admits);
@@ -178,31 +192,47 @@ fn find<Q: Question>(
     let is_full = || count.load(atomic::Ordering::Relaxed) > limits.most_hits;
     for_each_in_parts(&mut tasks, parts, |task| {
         let room = usize::try_from(limits.most_hits).unwrap_or(usize::MAX).saturating_add(1);
-        let mut search = Search { among, hits, room, isa, found: Vec::new(), looked_at: 0 };
+        let (mut kept, mut candidates, mut boxes) = (Vec::new(), Vec::new(), Vec::new());
         for (query, question) in (task.first..).zip(task.questions) {
             if is_full() {
                 break;
             }
             // A copy: another process may write questions while they are read.
             let question = *question;
+            candidates.clear();
+            let place = match among {
+                Among::Tree(tree) => Place::Tree(tree),
+                Among::Boxes(boxes) => Place::Boxes(boxes),
+                Among::Candidates(of) => {
+                    of(query, &mut candidates);
+                    // So that those as near as each other come by their index.
+                    candidates.sort_unstable_by_key(|(index, _)| *index);
+                    boxes.clear();
+                    boxes.extend(candidates.iter().map(|(_, b)| *b));
+                    Place::Boxes(&boxes)
+                }
+            };
+            let index_of = |at: u32| candidates.get(at as usize).map_or(at, |(index, _)| *index);
+            let mut search = Search { place, hits, room, isa, found: kept, looked_at: 0 };
             search.found.clear();
-            question.ask(&mut search, &|index| admits(query, index));
+            question.ask(&mut search, &|at| admits(query, index_of(at)));
+            task.looked_at += search.looked_at;
             // Relaxed: a number that ends a search, and that nothing is read by.
-            count.fetch_add(search.found.len() as u64, atomic::Ordering::Relaxed);
-            if task.found.try_reserve(search.found.len()).is_err() {
+            kept = search.found;
+            count.fetch_add(kept.len() as u64, atomic::Ordering::Relaxed);
+            if task.found.try_reserve(kept.len()).is_err() {
                 task.is_out_of_memory = true;
                 break;
             }
-            let of = |candidate: &Candidate| candidate.hit(query);
-            task.found.extend(search.found.iter().map(of));
+            task.found.extend(kept.iter().map(|hit| Hit {
+                query,
+                index: index_of(hit.index),
+                distance: hit.reported,
+            }));
         }
-        task.looked_at = search.looked_at;
     });
     if is_full() {
-        let bytes = |hits: u64| hits.saturating_mul(HIT_BYTES as u64);
-        let at_least_bytes = bytes(limits.most_hits.saturating_add(1));
-        let limit_bytes = bytes(limits.most_hits);
-        return Err(ReserveError::TooLarge { at_least_bytes, limit_bytes }.into());
+        return Err(limits.exceeded());
     }
     let all: usize = tasks.iter().map(|task| task.found.len()).sum();
     let needed_bytes = (all * HIT_BYTES) as u64;
@@ -227,15 +257,18 @@ struct Candidate {
 
 impl Candidate {
     const ANY: Self = Self { distance: 0.0, reported: 0.0, index: Hit::ANY };
+}
 
-    const fn hit(&self, query: u32) -> Hit {
-        Hit { query, index: self.index, distance: self.reported }
-    }
+/// Where the hits of one question are searched for.
+#[derive(Clone, Copy)]
+enum Place<'a> {
+    Tree(&'a BoxTree),
+    Boxes(&'a [Aabb]),
 }
 
 /// A search, with the memory of those before it.
 struct Search<'a> {
-    among: Among<'a>,
+    place: Place<'a>,
     hits: Hits,
     /// Most hits of a question.
     room: usize,
@@ -245,7 +278,7 @@ struct Search<'a> {
     looked_at: u64,
 }
 
-impl Among<'_> {
+impl Place<'_> {
     fn get(&self, index: u32) -> Aabb {
         match self {
             Self::Tree(tree) => tree.get(index),
@@ -260,15 +293,15 @@ impl Search<'_> {
             return;
         }
         let mut limit = probe.most();
-        match self.among {
-            Among::Tree(tree) => descend(self, tree, probe, admits, &mut limit, self.isa),
-            Among::Boxes(boxes) => pass_through(self, boxes, probe, admits, &mut limit, self.isa),
+        match self.place {
+            Place::Tree(tree) => descend(self, tree, probe, admits, &mut limit, self.isa),
+            Place::Boxes(boxes) => pass_through(self, boxes, probe, admits, &mut limit, self.isa),
         }
-        let among = self.among;
+        let place = self.place;
         match self.hits {
-            Hits::All => self.found.sort_unstable_by(|a, b| compare(a, b, probe, &among)),
+            Hits::All => self.found.sort_unstable_by(|a, b| compare(a, b, probe, &place)),
             Hits::Closest(most) if most as usize > FEW_CLOSEST => {
-                self.found.sort_unstable_by(|a, b| compare(a, b, probe, &among));
+                self.found.sort_unstable_by(|a, b| compare(a, b, probe, &place));
                 self.found.truncate(most as usize);
             }
             Hits::Closest(_) | Hits::Any => {}
@@ -310,8 +343,8 @@ impl Search<'_> {
         limit: &mut f32,
     ) -> bool {
         let candidate = Candidate { distance, reported: probe.reported(distance), index };
-        let among = self.among;
-        let by_distance = |a: &Candidate, b: &Candidate| compare(a, b, probe, &among);
+        let place = self.place;
+        let by_distance = |a: &Candidate, b: &Candidate| compare(a, b, probe, &place);
         match self.hits {
             Hits::Any => {
                 let is_hit = admits(index);
@@ -364,14 +397,14 @@ impl Search<'_> {
 }
 
 /// By exact distance, and then by index.
-fn compare<P: Probe>(a: &Candidate, b: &Candidate, probe: &P, among: &Among<'_>) -> Ordering {
+fn compare<P: Probe>(a: &Candidate, b: &Candidate, probe: &P, place: &Place<'_>) -> Ordering {
     let by_distance = if (a.distance - b.distance).abs() > ERROR * a.distance.max(b.distance) {
         a.distance.total_cmp(&b.distance)
     } else if a.distance == 0.0 && b.distance == 0.0 {
         // Zeros are exact.
         Ordering::Equal
     } else {
-        probe.compare(&among.get(a.index), &among.get(b.index))
+        probe.compare(&place.get(a.index), &place.get(b.index))
     };
     by_distance.then(a.index.cmp(&b.index))
 }

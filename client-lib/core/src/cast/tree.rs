@@ -44,6 +44,13 @@ fn reach_of(b: &Aabb) -> f32 {
     b.min.iter().chain(&b.max).fold(0.0, of)
 }
 
+/// Indices of all boxes in an order in which any 16 that follow one another lie near each other: that of a [`BoxTree`].
+pub fn near_order(boxes: &[Aabb], threads: usize) -> Vec<u32> {
+    let _team = team::enter(threads);
+    let entries = order_by_tree(boxes, threads, AvailableIsa::best());
+    entries.as_slice().iter().map(|entry| entry.index).collect()
+}
+
 impl BoxTree {
     /// A tree of boxes: index i is box i.
     pub fn of(boxes: &[Aabb], threads: usize) -> Self {

@@ -1,6 +1,8 @@
 //! Casts into a scene: rays and spheres, among the boxes one after the other or in a tree, which follows the edits from
 //! then on.
 
+use std::ops::Range;
+
 use super::{QueryError, QueryFilterData};
 use crate::aabb::Aabb;
 use crate::cast::{Among, BoxTree, Hit, Hits, Limits, Shapes};
@@ -33,6 +35,23 @@ pub struct Cast<'a> {
 }
 
 impl Cast<'_> {
+    /// That of some of its shapes.
+    ///
+    /// # Panics
+    /// Without these shapes, or filter data of them.
+    #[must_use]
+    pub fn part(&self, some: Range<usize>) -> Self {
+        let filter_data = match self.filter_data {
+            QueryFilterData::Each(each) => QueryFilterData::Each(&each[some.clone()]),
+            same => same,
+        };
+        let shapes = match self.shapes {
+            Shapes::Rays(rays) => Shapes::Rays(&rays[some]),
+            Shapes::Spheres(spheres) => Shapes::Spheres(&spheres[some]),
+        };
+        Self { shapes, filter_data, ..*self }
+    }
+
     /// Finds the hits, given the filters of the boxes. Returns how many boxes were looked at.
     ///
     /// # Errors
@@ -45,14 +64,24 @@ impl Cast<'_> {
         threads: usize,
         found: &mut Vec<Hit>,
     ) -> Result<u64, CullError> {
-        let Self { shapes, hits, filter_data, most_hits } = *self;
-        let admits = |shape: u32, index: u32| {
+        let Self { shapes, hits, most_hits, .. } = *self;
+        let admits = self.admits(filters, is_still);
+        among.cast(shapes, hits, &admits, Limits { most_hits, threads }, found)
+    }
+
+    /// Whether a shape may find a box, by their numbers.
+    pub fn admits(
+        &self,
+        filters: &FilterHistory,
+        is_still: impl Fn(u32) -> bool + Sync,
+    ) -> impl Fn(u32, u32) -> bool + Sync {
+        let filter_data = self.filter_data;
+        move |shape, index| {
             filter_data.of(shape).is_none_or(|filter_data| {
                 let of_box = filters.filter_data(index, is_still(index));
                 filters.rules().may_meet(&filter_data, &of_box)
             })
-        };
-        among.cast(shapes, hits, &admits, Limits { most_hits, threads }, found)
+        }
     }
 }
 

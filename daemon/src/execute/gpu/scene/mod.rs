@@ -24,10 +24,10 @@ use pairmask_core::scene::{
 };
 use pairmask_shaders::layouts::{GridLayout, SceneMode, SceneSummary};
 
-use self::cast::CastCopy;
+use self::cast::Casts;
 use self::changes::{ChangeSorter, Found};
 use self::plan::{Layouts, MOST_SLOTS, Question, Room, Sizes};
-use self::replica::{Names, Replicas, sum};
+use self::replica::{Names, Replica, Replicas, sum};
 use self::roster::Roster;
 use self::search::{Asked, Search, Share};
 use self::upload::Gathered;
@@ -106,7 +106,7 @@ pub struct GpuScene {
     reported: Reported,
     is_open: bool,
     sorter: ChangeSorter,
-    casts: CastCopy,
+    casts: Casts,
     submissions: u32,
     stages: Vec<StepTime>,
 }
@@ -140,7 +140,7 @@ impl GpuScene {
             reported: Reported::default(),
             is_open: false,
             sorter: ChangeSorter::default(),
-            casts: CastCopy::default(),
+            casts: Casts::default(),
             submissions: 0,
             stages: Vec::new(),
         }
@@ -217,7 +217,7 @@ impl GpuScene {
 
     /// Bytes of video memory that the scene keeps on all GPUs, with what the host maps of it, but for copies of edits.
     pub fn video_bytes(&self) -> u64 {
-        self.replicas.0.iter().map(|replica| replica.memory.bytes()).sum()
+        self.replicas.0.iter().map(Replica::bytes).sum()
     }
 
     pub const fn gpu_count(&self) -> usize {
@@ -253,7 +253,7 @@ impl GpuScene {
         self.submissions = 0;
         self.is_open = false;
         self.roster.apply(edit);
-        self.casts.note_edit(edit, &self.roster.states);
+        self.note_edit_for_casts(edit);
         if let Err(error) = self.answer(edit, report) {
             self.known = Known::Lost;
             return Err(SceneError::Cull(error));

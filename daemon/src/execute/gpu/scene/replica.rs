@@ -7,6 +7,7 @@ use pairmask_core::Aabb;
 use pairmask_core::engine::CullError;
 use pairmask_shaders::layouts::SceneSummary;
 
+use super::cast::DeviceTree;
 use super::memory::{Blocks, Memory};
 use super::plan::Room;
 use super::search::{Asked, Frames, Search, TIMEOUT, Task};
@@ -21,6 +22,8 @@ pub(super) struct Replica {
     pub frames: Frames,
     edit: Option<Uploaded>,
     pub blocks: Option<Blocks>,
+    /// For casts, once there were many.
+    pub casts: Option<DeviceTree>,
 }
 
 pub(super) struct QueriesUploaded {
@@ -49,7 +52,13 @@ impl Replica {
             frames: Frames::new(QueueRole::Frames),
             edit: None,
             blocks: None,
+            casts: None,
         }
+    }
+
+    /// Bytes that are allocated, in video memory for the most part.
+    pub fn bytes(&self) -> u64 {
+        self.memory.bytes() + self.casts.as_ref().map_or(0, DeviceTree::bytes)
     }
 
     /// Makes room for records of `slots` indices, and brings an edit, and queries that are no entries of it.

@@ -26,9 +26,11 @@ const TALLY_BYTES: u64 = 4 * 7;
 /// software adapter.
 pub(super) const TIMEOUT: [Duration; 2] = [Duration::from_secs(20), Duration::from_secs(600)];
 
-/// The stages that every scene needs: all but those of shares.
+/// The stages that every scene needs: all but those of shares and of casts.
 pub(super) fn stages() -> impl Iterator<Item = Stage> {
-    let scene = SceneStage::ALL.into_iter().filter(|stage| *stage != SceneStage::SharedPairs);
+    use SceneStage::{CastBoxes, CastGroups, CastRays, CastSpheres, SharedPairs};
+    let of_few = [SharedPairs, CastBoxes, CastGroups, CastRays, CastSpheres];
+    let scene = SceneStage::ALL.into_iter().filter(move |stage| !of_few.contains(stage));
     scene.map(Stage::Scene).chain([Stage::Grid(GridStage::Scan)])
 }
 

@@ -1,20 +1,19 @@
-//! Casts into a scene in video memory: the cores answer them, from a copy of its boxes that follows edits. It is read from
-//! there for the first cast, and where none was made for some edits.
+//! The boxes of a scene in video memory, in host memory, for casts that the cores answer: a copy that follows edits. It is
+//! read from there for the first such cast, and where none was made for some edits.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 
 use pairmask_core::Aabb;
 use pairmask_core::aabb::order_key;
-use pairmask_core::cast::Hit;
+use pairmask_core::cast::Among;
 use pairmask_core::engine::{CullError, ReserveError};
-use pairmask_core::scene::states::{BoxStates, DISABLED, PRESENT, STILL, grow};
-use pairmask_core::scene::{Cast, CastTree, Edit, Indices, QueryError, Sets, Step};
+use pairmask_core::scene::states::{BoxStates, DISABLED, PRESENT, grow};
+use pairmask_core::scene::{CastTree, Edit, Indices, Sets, Step};
 
-use super::ENGINE;
-use super::memory::RECORD_BYTES;
-use super::replica::Replica;
-use crate::execute::gpu::{Block, Command, Frame, GpuError, GpuScene, Home, Part};
+use crate::execute::gpu::scene::memory::RECORD_BYTES;
+use crate::execute::gpu::scene::replica::Replica;
+use crate::execute::gpu::{Block, Command, Frame, GpuError, Home, Part};
 
 /// Edits without a cast after which the copy is dropped: some seconds of a game.
 const UNUSED_EDITS: u32 = 256;
@@ -22,7 +21,7 @@ const UNUSED_EDITS: u32 = 256;
 const FOLLOWED_EDITS: u32 = 8;
 
 /// A record as it lies in video memory: keys of the mins and maxes, the history, and flags in the low byte.
-type Record = [i32; 8];
+pub(super) type Record = [i32; 8];
 const _: () = assert!(size_of::<Record>() as u64 == RECORD_BYTES);
 
 /// The copy that casts look at.
@@ -112,68 +111,30 @@ impl CastCopy {
         }
         tree.note([&self.changed, &[]], self.boxes.len());
     }
-}
 
-/// The box of a record, if it has one.
-fn box_of(record: &Record) -> Option<Aabb> {
-    // Of what overlaps nothing, and has keys of no number, this makes a NaN.
-    let of = |at: usize| f32::from_bits(order_key(record[at] as u32) as u32);
-    (record[7] as u8 & PRESENT != 0).then(|| Aabb::from(std::array::from_fn(of)))
-}
-
-fn read_records(replica: &Replica, slots: usize) -> Result<Vec<Record>, GpuError> {
-    let bytes = slots as u64 * RECORD_BYTES;
-    let gpu = replica.tools.gpu();
-    let host = Block::new(gpu, Home::Host, bytes)?;
-    let from = replica.memory.records_now().ok_or(GpuError::Lost)?;
-    let copy = Command::Copy { from: Part::of(from, 0, bytes), to: Part::of(&host, 0, bytes) };
-    Frame::run_once(gpu, vec![copy])?;
-    let mut records = Vec::new();
-    records.try_reserve_exact(slots).map_err(|_| GpuError::OutOfMemory { bytes })?;
-    records.resize(slots, [0; 8]);
-    host.read(0, &mut records);
-    Ok(records)
-}
-
-impl GpuScene {
-    /// As [`Scene::cast`](pairmask_core::scene::Scene::cast).
-    ///
-    /// # Errors
-    /// [`QueryError`]. After [`CullError::DeviceLost`] the scene is to be dropped.
-    pub fn cast(&mut self, cast: &Cast<'_>, found: &mut Vec<Hit>) -> Result<u64, QueryError> {
-        cast.filter_data.check(cast.shapes.len())?;
-        if !self.casts.is_current {
-            self.copy_boxes()?;
-        }
-        let threads = self.threads();
-        let Self { casts: CastCopy { boxes, tree, edits, .. }, roster, .. } = self;
-        *edits = 0;
-        let among = tree.among(boxes, cast.shapes.len(), threads);
-        let is_still = |index| roster.states.has(index, STILL);
-        Ok(cast.among(among, &roster.states.filters, is_still, threads, found)?)
+    pub const fn is_current(&self) -> bool {
+        self.is_current
     }
 
-    /// Reads all boxes from the first GPU that has them.
-    fn copy_boxes(&mut self) -> Result<(), CullError> {
-        let slots = self.roster.states.index_end();
-        let records = loop {
-            if slots == 0 {
-                break Vec::new();
-            }
-            let replica = self.replicas.first();
-            let read = read_records(replica, slots);
-            match read.map_err(|error| replica.tools.gpu().cull_error(ENGINE, &error)) {
-                Ok(records) => break records,
-                Err(CullError::DeviceLost { .. }) if self.replicas.leave_first() => {}
-                Err(error) => return Err(error),
-            }
-        };
-        let CastCopy { boxes, disabled, tree, is_current, .. } = &mut self.casts;
+    /// All boxes, where the copy is current.
+    pub fn boxes(&self) -> Option<&[Aabb]> {
+        self.is_current.then_some(&self.boxes[..])
+    }
+
+    /// Where the cores look for so many shapes.
+    pub fn among(&mut self, shapes: usize, threads: usize) -> Among<'_> {
+        self.edits = 0;
+        self.tree.among(&self.boxes, shapes, threads)
+    }
+
+    /// Takes the boxes of all records.
+    pub fn take(&mut self, records: &[Record]) -> Result<(), CullError> {
+        let Self { boxes, disabled, tree, is_current, .. } = self;
         boxes.clear();
         disabled.clear();
-        let needed_bytes = (slots * size_of::<Aabb>()) as u64;
-        boxes.try_reserve(slots).map_err(|_| ReserveError::OutOfMemory { needed_bytes })?;
-        boxes.extend((0..).zip(&records).map(|(index, record)| {
+        let needed_bytes = size_of_val(records) as u64;
+        boxes.try_reserve(records.len()).map_err(|_| ReserveError::OutOfMemory { needed_bytes })?;
+        boxes.extend((0..).zip(records).map(|(index, record)| {
             let b = box_of(record).unwrap_or(Aabb::EMPTY);
             if record[7] as u8 & DISABLED == 0 {
                 return b;
@@ -185,4 +146,38 @@ impl GpuScene {
         *is_current = true;
         Ok(())
     }
+}
+
+/// The box of keys as they lie in a record. Of what overlaps nothing, and has keys of no number, this makes a NaN.
+pub(super) fn box_of_keys(record: &Record) -> Aabb {
+    Aabb::from(std::array::from_fn(|at| f32::from_bits(order_key(record[at] as u32) as u32)))
+}
+
+/// The box of a record, if it has one.
+fn box_of(record: &Record) -> Option<Aabb> {
+    (record[7] as u8 & PRESENT != 0).then(|| box_of_keys(record))
+}
+
+/// The box of a record as it collides.
+pub(super) fn colliding(record: &Record) -> Aabb {
+    let is_enabled = record[7] as u8 & DISABLED == 0;
+    box_of(record).filter(|_| is_enabled).unwrap_or(Aabb::EMPTY)
+}
+
+/// All records, by index.
+pub(super) fn read_records(replica: &Replica, slots: usize) -> Result<Vec<Record>, GpuError> {
+    if slots == 0 {
+        return Ok(Vec::new());
+    }
+    let bytes = slots as u64 * RECORD_BYTES;
+    let gpu = replica.tools.gpu();
+    let host = Block::new(gpu, Home::Host, bytes)?;
+    let from = replica.memory.records_now().ok_or(GpuError::Lost)?;
+    let copy = Command::Copy { from: Part::of(from, 0, bytes), to: Part::of(&host, 0, bytes) };
+    Frame::run_once(gpu, vec![copy])?;
+    let mut records = Vec::new();
+    records.try_reserve_exact(slots).map_err(|_| GpuError::OutOfMemory { bytes })?;
+    records.resize(slots, [0; 8]);
+    host.read(0, &mut records);
+    Ok(records)
 }
