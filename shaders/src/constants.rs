@@ -76,11 +76,12 @@ constants! {
     /// Pairs of a query that the GPU sorts, at most: each is compared with all others. The host sorts longer rows.
     SORTED_ROW = 256;
 
-    /// Invocations of a workgroup that looks for a ray or a sphere: two groups of 16 boxes, a subgroup of most devices.
+    /// Invocations of a workgroup that looks for a ray or a sphere, and boxes of a group of a tree in video memory: a
+    /// subgroup of most devices.
     CAST_LANES = 32;
 
-    /// Most levels of a tree of groups of 16: those of 2^32 boxes.
-    CAST_LEVELS = 8;
+    /// Most levels of such a tree: those of 2^30 boxes.
+    CAST_LEVELS = 6;
 
     /// What a scene's pair is reported as: it began, or why it ended.
     REPORT_BEGUN = 0;

@@ -1,8 +1,8 @@
 // cast: rays or spheres, and a tree of boxes -> of each, the boxes that it may hit, among them all that the answer is
 // made of. The host decides which those are.
 //
-// A workgroup looks for one ray or sphere at a time, from the top of the tree down, the nearest groups first: two groups
-// of 16 a step, an item a lane. What it leaves to the host is no more than rounding leaves open, and what is as near.
+// A workgroup looks for one ray or sphere at a time, from the top of the tree down, the nearest groups first: a group of 32
+// a step, an item a lane. What it leaves to the host is no more than rounding leaves open, and what is as near.
 // Held to `pairmask_core::cast` by the tests of casts on GPUs.
 
 #import constants
@@ -14,11 +14,11 @@
 @group(0) @binding(2) var<storage, read> items: array<vec4<u32>>;
 @group(0) @binding(3) var<storage, read_write> control: array<atomic<u32>>;
 // Binding 4: the rays or spheres.
-// Of each, the head of its last list of candidates, and how it ended.
-@group(0) @binding(5) var<storage, read_write> answers: array<vec2<u32>>;
-// Lists: a head, which says where the head of the list before is and how many follow, and boxes as their records say,
-// with the index in place of the history.
-@group(0) @binding(6) var<storage, read_write> candidates: array<vec4<i32>>;
+// Of each, where the head of its last list is, how many candidates follow here, how it ended; and those: boxes as their
+// records say, with the index in place of the history.
+@group(0) @binding(5) var<storage, read_write> answers: array<vec4<i32>>;
+// Lists of further candidates: a head, which says where the head of the list before is and how many follow, and those.
+@group(0) @binding(6) var<storage, read_write> lists: array<vec4<i32>>;
 
 // Bounds are off by less than this share: six roundings and a quotient, with room.
 const ROUNDING: f32 = 9.5367431640625e-7;
@@ -41,13 +41,15 @@ fn are_usual(bits: vec3<u32>) -> bool {
 
 #import cast_question
 
-// Groups to look at: a level adds 31 at most, those of two groups but for what was taken, and a group that was left over.
-const STACK: u32 = 31u * CAST_LEVELS + 1u;
+// Groups to look at. Where there are this many less what a search straight down adds, an item less than a group a level,
+// it goes straight down.
+const STACK: u32 = 448u;
+const STRAIGHT_DOWN: u32 = STACK - (CAST_LANES - 1u) * CAST_LEVELS - 1u;
 // Candidates at hand.
 const FOUND: u32 = 128u;
 const FOUND_A_LANE: u32 = FOUND / CAST_LANES;
-// A step takes so many rounds of loops, and so many with each candidate to sort.
-const STEP_ROUNDS: u32 = CAST_LANES + 1u;
+// Rounds of loops that a step takes beside those that sort candidates.
+const STEP_ROUNDS: u32 = 2u;
 
 const LEVEL_BITS: u32 = 28u;
 const NO_LIST: u32 = 0xffffffffu;
@@ -64,23 +66,34 @@ struct Found {
 
 // Level and number of a group, and the key of its bounds.
 var<workgroup> stack: array<vec2<u32>, STACK>;
-var<workgroup> stack_count: u32;
+var<workgroup> stack_count: atomic<u32>;
+// The nearest group of the upper part of the stack: its key without the last bits, and there its place.
+var<workgroup> nearest: atomic<u32>;
 var<workgroup> found: array<Found, FOUND>;
 var<workgroup> found_count: atomic<u32>;
-// Of groups that a step has found.
-var<workgroup> keys: array<u32, CAST_LANES>;
 // What is farther is of no use; of what is at 0, indices beyond this are not.
 var<workgroup> limit: u32;
 var<workgroup> limit_index: u32;
 var<workgroup> is_hit: u32;
+// A candidate was found that may make the limit smaller.
+var<workgroup> is_nearer: u32;
 var<workgroup> is_too_much: u32;
 var<workgroup> list: u32;
 
 var<private> rounds: u32;
 
-// Puts the candidates at hand into a list behind another. Returns where its head is.
-fn hand_out(lane: u32, before: u32) -> u32 {
-    let count = atomicLoad(&found_count);
+fn first_half(at: u32) -> vec4<i32> {
+    return now[2u * found[at].index];
+}
+
+fn second_half(at: u32) -> vec4<i32> {
+    let index = found[at].index;
+    return vec4<i32>(now[2u * index + 1u].xy, bitcast<i32>(index), 0);
+}
+
+// Puts candidates at hand, from one on, into a list behind another. Returns where its head is.
+fn hand_out(lane: u32, first: u32, before: u32) -> u32 {
+    let count = atomicLoad(&found_count) - first;
     if (lane == 0u) {
         list = atomicAdd(&control[CANDIDATES], count + 1u);
     }
@@ -88,13 +101,12 @@ fn hand_out(lane: u32, before: u32) -> u32 {
     let head = list;
     if (head < params.room && count < params.room - head) {
         if (lane == 0u) {
-            candidates[2u * head] = vec4<i32>(bitcast<i32>(before), i32(count), 0, 0);
+            lists[2u * head] = vec4<i32>(bitcast<i32>(before), i32(count), 0, 0);
         }
         for (var at = lane; at < count; at += CAST_LANES) {
-            let index = found[at].index;
             let to = 2u * (head + 1u + at);
-            candidates[to] = now[2u * index];
-            candidates[to + 1u] = vec4<i32>(now[2u * index + 1u].xy, bitcast<i32>(index), 0);
+            lists[to] = first_half(first + at);
+            lists[to + 1u] = second_half(first + at);
         }
     }
     workgroupBarrier();
@@ -103,6 +115,24 @@ fn hand_out(lane: u32, before: u32) -> u32 {
     }
     workgroupBarrier();
     return head;
+}
+
+// Answers with the candidates at hand and those of a list.
+fn answer(query: u32, lane: u32, last_list: u32, ended: u32) {
+    let count = atomicLoad(&found_count);
+    let here = min(count, params.answer_room);
+    let place = query * (1u + 2u * params.answer_room);
+    for (var at = lane; at < here; at += CAST_LANES) {
+        answers[place + 1u + 2u * at] = first_half(at);
+        answers[place + 2u + 2u * at] = second_half(at);
+    }
+    var last = last_list;
+    if (count > here) {
+        last = hand_out(lane, here, last);
+    }
+    if (lane == 0u) {
+        answers[place] = vec4<i32>(bitcast<i32>(last), i32(here), i32(ended), 0);
+    }
 }
 
 // Finds the limit anew, and drops those of so many candidates that are beyond it.
@@ -117,8 +147,8 @@ fn settle(lane: u32, count: u32) {
             let upper = found[other].upper;
             rank += select(0u, 1u, upper < own.upper || (upper == own.upper && found[other].index < own.index));
         }
-        if (rank == params.closest - 1u) {
-            limit = min(limit, own.upper);
+        if (rank == params.closest - 1u && own.upper <= limit) {
+            limit = own.upper;
             limit_index = select(MISSED, own.index, own.upper == 0u);
         }
     }
@@ -145,27 +175,55 @@ fn settle(lane: u32, count: u32) {
     workgroupBarrier();
 }
 
-// Looks at two groups of the stack, of which there are so many, or the last one.
-fn step_down(lane: u32, count: u32) {
-    let taken = min(count, CAST_LANES / FAN_OUT);
-    var key = MISSED;
-    var item = vec2<u32>(0u);
-    if (lane / FAN_OUT < taken) {
-        let group = stack[count - 1u - lane / FAN_OUT];
-        item = vec2<u32>(group.x >> LEVEL_BITS, (group.x & ((1u << LEVEL_BITS) - 1u)) * FAN_OUT + lane % FAN_OUT);
-        let level = params.levels[item.x];
-        if (group.y <= limit && item.y < level.count) {
-            let low = items[2u * (level.first + item.y)];
-            let high = items[2u * (level.first + item.y) + 1u];
-            let lo = bitcast<vec3<f32>>(low.xyz);
-            let hi = bitcast<vec3<f32>>(high.xyz);
-            if (lo.x <= hi.x) {
-                key = lower_key(lo, hi);
-            }
-            if (key > limit) {
-                key = MISSED;
-            }
-            if (key != MISSED && item.x == 0u) {
+// Takes the nearest group from the upper part of the stack, of so many groups; MISSED and the whole part where none is
+// near enough.
+fn take_nearest(lane: u32, count: u32) -> vec2<u32> {
+    let last = count - 1u;
+    let part = select(min(count, CAST_LANES), 1u, count > STRAIGHT_DOWN);
+    if (lane < part) {
+        let own = stack[last - lane];
+        if (own.y <= limit) {
+            atomicMin(&nearest, (own.y & ~(CAST_LANES - 1u)) | lane);
+        }
+    }
+    workgroupBarrier();
+    let taken = atomicLoad(&nearest);
+    let at = last - (taken & (CAST_LANES - 1u));
+    var group = vec2<u32>(0u, MISSED);
+    if (taken != MISSED) {
+        group = stack[at];
+    }
+    let top = stack[last];
+    workgroupBarrier();
+    if (lane == 0u) {
+        if (taken == MISSED) {
+            atomicStore(&stack_count, count - part);
+        } else {
+            stack[at] = top;
+            atomicStore(&stack_count, last);
+        }
+        atomicStore(&nearest, MISSED);
+        is_nearer = 0u;
+    }
+    workgroupBarrier();
+    return group;
+}
+
+// Looks at the items of a group.
+fn look_at(lane: u32, group: u32) {
+    let level = group >> LEVEL_BITS;
+    let item = (group & ((1u << LEVEL_BITS) - 1u)) * FAN_OUT + lane;
+    if (item < params.levels[level].count) {
+        let place = 2u * (params.levels[level].first + item);
+        let low = items[place];
+        let high = items[place + 1u];
+        let lo = bitcast<vec3<f32>>(low.xyz);
+        let hi = bitcast<vec3<f32>>(high.xyz);
+        let key = lower_key(lo, hi);
+        if (lo.x <= hi.x && key <= limit && key != MISSED) {
+            if (level > 0u) {
+                stack[atomicAdd(&stack_count, 1u)] = vec2<u32>(((level - 1u) << LEVEL_BITS) | item, key);
+            } else {
                 var upper = MISSED;
                 if (high.w != 0u) {
                     upper = upper_key(lo, hi);
@@ -174,25 +232,11 @@ fn step_down(lane: u32, count: u32) {
                 if (upper != MISSED) {
                     is_hit = 1u;
                 }
+                if (upper <= limit && upper != MISSED) {
+                    is_nearer = 1u;
+                }
             }
         }
-    }
-    let is_group = key != MISSED && item.x > 0u;
-    keys[lane] = select(MISSED, key, is_group);
-    workgroupBarrier();
-    var groups = 0u;
-    var behind = 0u;
-    for (var other = 0u; other < CAST_LANES; other++) {
-        let there = keys[other];
-        groups += select(0u, 1u, there != MISSED);
-        behind += select(0u, 1u, there != MISSED && (there > key || (there == key && other > lane)));
-    }
-    if (is_group) {
-        stack[count - taken + behind] = vec2<u32>(((item.x - 1u) << LEVEL_BITS) | item.y, key);
-    }
-    workgroupBarrier();
-    if (lane == 0u) {
-        stack_count = count - taken + groups;
     }
     rounds += STEP_ROUNDS;
     workgroupBarrier();
@@ -200,37 +244,41 @@ fn step_down(lane: u32, count: u32) {
 
 fn search(query: u32, lane: u32) {
     if (lane == 0u) {
-        stack_count = 1u;
+        atomicStore(&stack_count, 1u);
         stack[0] = vec2<u32>(params.top << LEVEL_BITS, 0u);
+        atomicStore(&nearest, MISSED);
         atomicStore(&found_count, 0u);
-        limit = MISSED;
         limit_index = MISSED;
         is_hit = 0u;
         is_too_much = select(0u, 1u, atomicLoad(&control[STEPS]) >= params.all_steps);
     }
-    workgroupBarrier();
-    let is_taken = take_question(query) && is_too_much == 0u;
+    let is_usual = take_question(query);
     if (lane == 0u) {
         limit = most_key();
     }
     workgroupBarrier();
-    var ended = select(GIVEN_UP, ANSWERED, is_taken);
+    var ended = select(GIVEN_UP, ANSWERED, is_usual && is_too_much == 0u);
     var before = NO_LIST;
     var steps = 0u;
-    var settled = 0u;
     var count = 1u;
     var goes_on = true;
     while (ended == ANSWERED && count > 0u && goes_on) {
-        step_down(lane, count);
+        let group = take_nearest(lane, count);
+        if (group.y == MISSED) {
+            count = atomicLoad(&stack_count);
+            rounds += STEP_ROUNDS;
+            continue;
+        }
+        look_at(lane, group.x);
         steps++;
-        count = stack_count;
+        count = atomicLoad(&stack_count);
         goes_on = params.any == 0u || is_hit == 0u;
         var at_hand = atomicLoad(&found_count);
+        let settles = params.closest > 0u && (is_nearer != 0u || at_hand > FOUND - CAST_LANES);
         workgroupBarrier();
-        if (params.closest > 0u && at_hand > settled) {
+        if (settles) {
             settle(lane, at_hand);
             at_hand = atomicLoad(&found_count);
-            settled = at_hand;
             workgroupBarrier();
         }
         if (at_hand > FOUND - CAST_LANES) {
@@ -238,18 +286,15 @@ fn search(query: u32, lane: u32) {
             if (params.closest > 0u) {
                 ended = GIVEN_UP;
             } else {
-                before = hand_out(lane, before);
+                before = hand_out(lane, 0u, before);
             }
         }
         if (steps >= params.steps || rounds > params.thread_rounds) {
             ended = GIVEN_UP;
         }
     }
-    if (ended == ANSWERED && atomicLoad(&found_count) > 0u) {
-        before = hand_out(lane, before);
-    }
+    answer(query, lane, before, ended);
     if (lane == 0u) {
-        answers[query] = vec2<u32>(before, ended);
         atomicAdd(&control[STEPS], steps);
     }
     workgroupBarrier();

@@ -1,4 +1,4 @@
-// cast_boxes: records -> boxes of a tree in floats, each at its place, bounds of 16 together, and how many of those have
+// cast_boxes: records -> boxes of a tree in floats, each at its place, bounds of 32 together, and how many of those have
 // grown too much since the tree was put in order.
 //
 // Floats are as far out as the boxes, or farther: what devices may take for zero or infinite does not come into it.

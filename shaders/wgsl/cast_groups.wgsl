@@ -1,4 +1,4 @@
-// cast_groups: items of a level of a tree -> bounds of 16 together, the items of the next.
+// cast_groups: items of a level of a tree -> bounds of 32 together, the items of the next.
 
 #import constants
 #import cast_params

@@ -18,7 +18,7 @@ use pairmask_core::scene::{
 };
 use pairmask_core::{Aabb, EngineChoice, EngineName};
 
-use super::gpu::GpuScene;
+use super::gpu::{GpuScene, is_for_gpu};
 use super::gpus::SceneGpus;
 
 /// What a box costs an edit in video memory that does not change it, in those of a frame's grid: it is
@@ -27,6 +27,10 @@ const UNCHANGED_SHARE: f64 = 0.125;
 /// What a changed box or a query costs, in boxes of a frame's grid: it is written, and searched for (an H200: 3 to
 /// 7 ns).
 const CHANGED_SHARE: f64 = 8.0;
+/// What casts take in video memory, ns, and each ray or sphere (an H200: 8 to 20 ns to look for one, 10 to 50 to decide
+/// it).
+const CAST_NS: f64 = 100_000.0;
+const CAST_NS_A_SHAPE: f64 = 50.0;
 /// Time to move a scene, ns a box: collected here, copied, and written there.
 const MOVE_NS_A_BOX: f64 = 100.0;
 /// Time to move any scene, ns: memory is taken.
@@ -169,9 +173,19 @@ impl SceneHost {
         }
         let there = self.gpus.cost().and_then(|cost| gpu_ns(&cost, self.len(), searched));
         if let Some(there_ns) = there {
-            let saved = self.would_have_saved_ns + took_ns - there_ns;
-            self.would_have_saved_ns = saved.max(0.0);
+            self.note_saved(took_ns - there_ns);
         }
+    }
+
+    /// Notes a cast that the cores have answered, and for which the GPU would have looked.
+    fn note_cores_cast(&mut self, shapes: usize, took_ns: f64) {
+        if self.engine == EngineChoice::Auto && self.gpus.cost().is_some() {
+            self.note_saved(took_ns - CAST_NS - CAST_NS_A_SHAPE * shapes as f64);
+        }
+    }
+
+    const fn note_saved(&mut self, saved_ns: f64) {
+        self.would_have_saved_ns = (self.would_have_saved_ns + saved_ns).max(0.0);
     }
 
     /// Moves the scene to the GPU where that is due, and the last answer was taken.
@@ -266,13 +280,27 @@ impl SceneHost {
 }
 
 impl SceneHost {
-    /// As [`Scene::cast`]. The cores answer, from a copy of the boxes where they are in video memory.
-    pub fn cast(&mut self, cast: &Cast<'_>, found: &mut Vec<Hit>) -> Result<u64, QueryError> {
+    /// As [`Scene::cast`]. Returns who answered: where the scene is in video memory, its engine, or the cores from a copy.
+    pub fn cast(
+        &mut self,
+        cast: &Cast<'_>,
+        found: &mut Vec<Hit>,
+    ) -> Result<EngineName, QueryError> {
+        self.move_if_due();
         match &mut self.side {
-            Side::Cores(scene) => scene.cast(cast, found),
+            Side::Cores(scene) => {
+                let start = Instant::now();
+                scene.cast(cast, found)?;
+                if is_for_gpu(cast) {
+                    self.note_cores_cast(cast.shapes.len(), nanoseconds_since(start) as f64);
+                }
+                Ok(EngineName::CpuTree)
+            }
             Side::Gpu(scene) => {
                 let _turns = self.gpus.turns(|gpu| scene.is_on(gpu));
-                scene.cast(cast, found)
+                scene.cast(cast, found)?;
+                let is_gpu = scene.left_to_cores() < cast.shapes.len();
+                Ok(if is_gpu { EngineName::GpuGrid } else { EngineName::CpuTree })
             }
         }
     }

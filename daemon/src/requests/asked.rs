@@ -5,7 +5,7 @@ use std::time::Instant;
 use pairmask_core::BoxCount;
 use pairmask_core::cast::HIT_BYTES;
 use pairmask_core::dispatch::StageTimes;
-use pairmask_core::engine::{CullError, EngineName, ReplyBuffer};
+use pairmask_core::engine::{CullError, ReplyBuffer};
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::scene::{BeyondMask, Cast, QueryError};
 use pairmask_wire::{CastRequest, QueryRequest, Reject, SceneId, response_cast};
@@ -141,7 +141,7 @@ fn answer_cast(
     let (shapes, filter_data) = request.read(pages).ok_or(Reject::Query("payload"))?;
     let most_hits = reply.limit_words() / HIT_WORDS;
     let cast = Cast { shapes, hits: request.hits, filter_data, most_hits };
-    scene.cast(&cast, &mut found).map_err(unanswered)?;
+    let engine = scene.cast(&cast, &mut found).map_err(unanswered)?;
     let executed = Instant::now();
     let words = reply.reserve(HIT_WORDS * found.len() as u64).map_err(CullError::from)?;
     let hits: &[u32] = bytemuck::cast_slice(&found);
@@ -153,7 +153,7 @@ fn answer_cast(
         total_ns: open.taken_at.elapsed().as_nanos() as u64,
         ..StageTimes::default()
     };
-    let header = response_cast(&open.fields, EngineName::CpuTree, threads, found.len(), &times);
+    let header = response_cast(&open.fields, engine, threads, found.len(), &times);
     outbox.count_cast(&open.fields, found.len() as u64);
     outbox.send(open, &header);
     Ok(())

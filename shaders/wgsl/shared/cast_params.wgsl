@@ -1,6 +1,6 @@
 // What the stages of casts read, and the tree that they look into. Mirror: `layouts.rs`.
 
-// A level of the tree: the items from `first` on, so many. Those of level 0 are boxes, those of others the bounds of 16
+// A level of the tree: the items from `first` on, so many. Those of level 0 are boxes, those of others the bounds of 32
 // items of the level below.
 struct CastLevel {
     first: u32,
@@ -20,21 +20,21 @@ struct CastParams {
     closest: u32,
     // 1: one box is enough.
     any: u32,
-    // Candidates that there is room for.
+    // Candidates that an answer has room for, and with their heads that lists have.
+    answer_room: u32,
     room: u32,
-    // Steps, of two groups each, that all searches may take together, and that each may.
+    // Steps, of a group each, that all searches may take together, and that each may.
     all_steps: u32,
     steps: u32,
     // Rounds of loops that a thread may take.
     thread_rounds: u32,
     // The level of which all items are looked at.
     top: u32,
-    padding: u32,
     levels: array<CastLevel, CAST_LEVELS>,
 }
 
 // Items of a group.
-const FAN_OUT: u32 = 16u;
+const FAN_OUT: u32 = CAST_LANES;
 
 // Coordinates of items are within these. A bound at one of them is farther out.
 const OUTERMOST: f32 = 1e18;
@@ -46,7 +46,7 @@ const SMALLEST: f32 = 1.17549435e-38;
 // An item in memory is its min and the index of a box, its max and whether it is that box and no larger. The min of one
 // with nothing in it is beyond its max.
 
-// Words of the control block: leaves that have grown too much, candidates, steps.
+// Words of the control block: leaves that have grown too much, candidates and heads of lists, steps.
 const LOOSE: u32 = 0u;
 const CANDIDATES: u32 = 1u;
 const STEPS: u32 = 2u;

@@ -18,6 +18,9 @@ use crate::team::{self, for_each_in_parts, part_count};
 
 /// Questions of a task, at least: some 100 µs.
 const TASK_QUERIES: usize = 64;
+/// Hits that a task finds before it tells the others, which wait for each other there; beyond those that may be, each has
+/// memory for as many.
+const COUNTED_TOGETHER: usize = 1_024;
 /// So many of the closest are kept in order as they are found; of more, twice as many are, before the farther half goes.
 const FEW_CLOSEST: usize = 32;
 
@@ -29,7 +32,7 @@ const MOST_LEVELS: usize = 7;
 pub struct Limits {
     /// Most hits of all questions together.
     pub most_hits: u64,
-    /// Threads, of the pool of the caller.
+    /// Threads at most, of the pool of the caller.
     pub threads: usize,
 }
 
@@ -148,7 +151,7 @@ impl Question for Sphere {
     fn ask(&self, search: &mut Search<'_>, admits: &dyn Fn(u32) -> bool) {
         let reach = match search.place {
             Place::Tree(tree) => tree.reach(),
-            Place::Boxes(_) => 0.0,
+            Place::Boxes(_) | Place::Candidates(_) => 0.0,
         };
         if let Some(probe) = SphereProbe::new(self, reach) {
             search.run(&probe, admits);
@@ -165,6 +168,16 @@ struct Task<'a, Q> {
     is_out_of_memory: bool,
 }
 
+/// What it takes a thread to decide the candidates of a question, ns: some 50 each, where few are more than asked for.
+fn decide_ns(hits: Hits) -> f64 {
+    let candidates = match hits {
+        Hits::Any => 1,
+        Hits::Closest(most) => most,
+        Hits::All => 8,
+    };
+    50.0 * f64::from(candidates.saturating_add(1))
+}
+
 /// Finds the hits of many questions.
 fn find<Q: Question>(
     among: Among<'_>,
@@ -175,8 +188,15 @@ fn find<Q: Question>(
     found: &mut Vec<Hit>,
 ) -> Result<u64, CullError> {
     found.clear();
-    let _team = team::enter(limits.threads);
-    let parts = part_count(questions.len(), TASK_QUERIES, limits.threads);
+    let threads = match among {
+        Among::Candidates(_) => {
+            let one_ns = questions.len() as f64 * decide_ns(hits);
+            team::threads_for(one_ns, Some(limits.threads))
+        }
+        Among::Tree(_) | Among::Boxes(_) => limits.threads,
+    };
+    let _team = team::enter(threads);
+    let parts = part_count(questions.len(), TASK_QUERIES, threads);
     let step = questions.len().div_ceil(parts).max(1);
     let some = (0u32..).step_by(step).zip(questions.chunks(step));
     let mut tasks: Vec<Task<'_, Q>> = some
@@ -191,12 +211,14 @@ fn find<Q: Question>(
     let (isa, count) = (AvailableIsa::best(), AtomicU64::new(0));
     let is_full = || count.load(atomic::Ordering::Relaxed) > limits.most_hits;
     for_each_in_parts(&mut tasks, parts, |task| {
+        if is_full() {
+            return;
+        }
         let room = usize::try_from(limits.most_hits).unwrap_or(usize::MAX).saturating_add(1);
-        let (mut kept, mut candidates, mut boxes) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut kept, mut candidates) = (Vec::new(), Vec::new());
+        // Not the task's, whose neighbours lie in the same lines of the caches.
+        let (mut all, mut looked_at, mut counted) = (Vec::new(), 0, 0);
         for (query, question) in (task.first..).zip(task.questions) {
-            if is_full() {
-                break;
-            }
             // A copy: another process may write questions while they are read.
             let question = *question;
             candidates.clear();
@@ -207,29 +229,35 @@ fn find<Q: Question>(
                     of(query, &mut candidates);
                     // So that those as near as each other come by their index.
                     candidates.sort_unstable_by_key(|(index, _)| *index);
-                    boxes.clear();
-                    boxes.extend(candidates.iter().map(|(_, b)| *b));
-                    Place::Boxes(&boxes)
+                    Place::Candidates(&candidates)
                 }
             };
             let index_of = |at: u32| candidates.get(at as usize).map_or(at, |(index, _)| *index);
             let mut search = Search { place, hits, room, isa, found: kept, looked_at: 0 };
             search.found.clear();
             question.ask(&mut search, &|at| admits(query, index_of(at)));
-            task.looked_at += search.looked_at;
-            // Relaxed: a number that ends a search, and that nothing is read by.
+            looked_at += search.looked_at;
             kept = search.found;
-            count.fetch_add(kept.len() as u64, atomic::Ordering::Relaxed);
-            if task.found.try_reserve(kept.len()).is_err() {
+            if all.try_reserve(kept.len()).is_err() {
                 task.is_out_of_memory = true;
                 break;
             }
-            task.found.extend(kept.iter().map(|hit| Hit {
+            all.extend(kept.iter().map(|hit| Hit {
                 query,
                 index: index_of(hit.index),
                 distance: hit.reported,
             }));
+            if all.len() - counted >= COUNTED_TOGETHER {
+                // Relaxed: a number that ends a search, and that nothing is read by.
+                count.fetch_add((all.len() - counted) as u64, atomic::Ordering::Relaxed);
+                counted = all.len();
+                if is_full() {
+                    return;
+                }
+            }
         }
+        count.fetch_add((all.len() - counted) as u64, atomic::Ordering::Relaxed);
+        (task.found, task.looked_at) = (all, looked_at);
     });
     if is_full() {
         return Err(limits.exceeded());
@@ -264,6 +292,8 @@ impl Candidate {
 enum Place<'a> {
     Tree(&'a BoxTree),
     Boxes(&'a [Aabb]),
+    /// Found by their places, and not by their indices.
+    Candidates(&'a [(u32, Aabb)]),
 }
 
 /// A search, with the memory of those before it.
@@ -283,6 +313,7 @@ impl Place<'_> {
         match self {
             Self::Tree(tree) => tree.get(index),
             Self::Boxes(boxes) => boxes[index as usize],
+            Self::Candidates(some) => some[index as usize].1,
         }
     }
 }
@@ -296,6 +327,7 @@ impl Search<'_> {
         match self.place {
             Place::Tree(tree) => descend(self, tree, probe, admits, &mut limit, self.isa),
             Place::Boxes(boxes) => pass_through(self, boxes, probe, admits, &mut limit, self.isa),
+            Place::Candidates(some) => self.decide(some, probe, admits, &mut limit),
         }
         let place = self.place;
         match self.hits {
@@ -329,6 +361,24 @@ impl Search<'_> {
                 && !self.offer(leaf.indices[lane], distance, probe, admits, limit)
             {
                 return false;
+            }
+        }
+    }
+
+    /// Looks at boxes that are few.
+    fn decide<P: Probe>(
+        &mut self,
+        some: &[(u32, Aabb)],
+        probe: &P,
+        admits: &dyn Fn(u32) -> bool,
+        limit: &mut f32,
+    ) {
+        self.looked_at += some.len() as u64;
+        for (at, (_, b)) in (0..).zip(some) {
+            if let Some(distance) = probe.measure(&hittable(b))
+                && !self.offer(at, distance, probe, admits, limit)
+            {
+                return;
             }
         }
     }

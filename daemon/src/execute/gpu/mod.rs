@@ -36,7 +36,7 @@ pub use self::import::{ImportError, ImportId, Imports, Owner, ReadWriteMapping, 
 pub use self::memory::{Block, Home, Part};
 pub use self::options::EngineOptions;
 pub use self::pipeline::{Checks, Pipeline, Pipelines, user_cache_folder};
-pub use self::scene::{GpuScene, SceneTools};
+pub use self::scene::{GpuScene, SceneTools, is_for_gpu};
 pub use self::slot::{GpuSlot, IfMissing, Opener, SlotState};
 pub use self::transfers::{SharedImports, Upload};
 pub use wgpu::AdapterInfo;

@@ -25,6 +25,7 @@ use pairmask_core::scene::{
 use pairmask_shaders::layouts::{GridLayout, SceneMode, SceneSummary};
 
 use self::cast::Casts;
+pub use self::cast::is_for_gpu;
 use self::changes::{ChangeSorter, Found};
 use self::plan::{Layouts, MOST_SLOTS, Question, Room, Sizes};
 use self::replica::{Names, Replica, Replicas, sum};

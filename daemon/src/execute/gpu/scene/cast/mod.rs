@@ -55,21 +55,23 @@ impl Casts {
         self.copy.allocated_bytes()
     }
 
-    /// Whether the GPU looks for these: it knows no filters, which say which boxes are the closest ones.
-    fn are_of_the_gpu(&mut self, cast: &Cast<'_>) -> bool {
-        let is_unfiltered = cast.filter_data == QueryFilterData::None;
-        let is_known = match cast.hits {
-            Hits::All => true,
-            Hits::Any => is_unfiltered,
-            Hits::Closest(most) => is_unfiltered && (1..=MOST_CLOSEST).contains(&most),
-        };
-        if !is_known || cast.shapes.len() < FEWEST {
-            return false;
-        }
+    /// Whether it is the GPU's turn to look.
+    const fn take_turn(&mut self) -> bool {
         let rests = self.rests > 0;
         self.rests = self.rests.saturating_sub(1);
         !rests
     }
+}
+
+/// Whether a cast is one for the GPU: it knows no filters, which say which boxes are the closest ones.
+pub fn is_for_gpu(cast: &Cast<'_>) -> bool {
+    let is_unfiltered = cast.filter_data == QueryFilterData::None;
+    let is_known = match cast.hits {
+        Hits::All => true,
+        Hits::Any => is_unfiltered,
+        Hits::Closest(most) => is_unfiltered && (1..=MOST_CLOSEST).contains(&most),
+    };
+    is_known && cast.shapes.len() >= FEWEST
 }
 
 impl GpuScene {
@@ -99,7 +101,7 @@ impl GpuScene {
         cast.filter_data.check(cast.shapes.len())?;
         found.clear();
         self.casts.left = 0;
-        if !self.casts.are_of_the_gpu(cast) {
+        if !is_for_gpu(cast) || !self.casts.take_turn() {
             return Ok(self.cast_by_cores(cast, None, found)?);
         }
         let (mut looked_at, mut more) = (0, Vec::new());
@@ -174,10 +176,10 @@ impl GpuScene {
             let gpu = Arc::clone(self.replicas.first().tools.gpu());
             return Err(gpu.cull_error(ENGINE, &GpuError::Lost));
         }
-        let left = searched.given_up();
-        if left.is_empty() {
+        if !searched.has_given_up() {
             return Ok(searched.looked_at);
         }
+        let left = searched.given_up();
         if left.len() * LEFT_SHARE > cast.shapes.len() {
             self.casts.rests = RESTS;
         }

@@ -1,10 +1,10 @@
 //! Sizes of a tree in video memory, and of a search in it. Pure.
 
-use pairmask_shaders::constants::CAST_LEVELS;
+use pairmask_shaders::constants::{CAST_LANES, CAST_LEVELS};
 use pairmask_shaders::layouts::CastLevel;
 
-/// Items of a group, as in the stages.
-const FAN_OUT: u64 = 16;
+/// Items of a group.
+const FAN_OUT: u64 = CAST_LANES as u64;
 
 /// Most workgroups of a search. More rays or spheres take turns, so that a dispatch has one of few sizes.
 const MOST_GROUPS: usize = 1 << 15;
@@ -64,13 +64,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_level_has_a_sixteenth_of_the_one_below() {
+    fn each_level_has_an_item_a_group_of_the_one_below() {
         let levels = Levels::of(1_000_000);
-        let counts: Vec<u32> = (0..5).map(|level| levels.count(level)).collect();
-        assert_eq!(counts, [1_000_000, 62_500, 3_907, 245, 16]);
-        assert_eq!((levels.top, levels.items(), levels.leaves()), (4, 1_066_668, 62_500));
-        assert_eq!(levels.layout()[2].first, 1_062_500);
-        for (places, top) in [(0, 0), (1, 0), (16, 0), (17, 1), (256, 1), (257, 2), (1 << 30, 7)] {
+        let counts: Vec<u32> = (0..4).map(|level| levels.count(level)).collect();
+        assert_eq!(counts, [1_000_000, 31_250, 977, 31]);
+        assert_eq!((levels.top, levels.items(), levels.leaves()), (3, 1_032_258, 31_250));
+        assert_eq!(levels.layout()[2].first, 1_031_250);
+        for (places, top) in
+            [(0, 0), (1, 0), (32, 0), (33, 1), (1_024, 1), (1_025, 2), (1 << 30, 5)]
+        {
             assert_eq!(Levels::of(places).top, top, "{places}");
         }
     }

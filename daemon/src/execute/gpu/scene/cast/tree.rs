@@ -23,26 +23,30 @@ use crate::locked;
 
 /// Most of the closest boxes of each: a search has room for those, and for as many again that are as near.
 pub(super) const MOST_CLOSEST: u32 = 32;
-/// Steps that all searches of a submission may take, of two groups each: some 100 ms of a large GPU. What is left is the
+/// Steps that all searches of a submission may take, of a group each: some 100 ms of a large GPU. What is left is the
 /// cores'.
 const ALL_STEPS: u32 = 1 << 26;
 /// Steps that one search may take: some 100 ms, and so few that those of all fit into 32 bits.
 const STEPS: u32 = 1 << 17;
-/// Bytes of an item of the tree, of a candidate, and of an answer.
+/// Bytes of an item of the tree, of a candidate, and of the head of an answer.
 const ITEM_BYTES: u64 = 32;
 const CANDIDATE_BYTES: u64 = size_of::<Record>() as u64;
-const ANSWER_BYTES: u64 = size_of::<Answer>() as u64;
-/// Candidates of a ray or a sphere that there is room for at first, beside those asked for: a head, and what is as near.
-const SPARE_CANDIDATES: u64 = 4;
-/// Most candidates of a submission, 256 MiB of host memory. What has more is the cores'.
-const MOST_CANDIDATES: u64 = 1 << 23;
+const HEAD_BYTES: u64 = size_of::<Head>() as u64;
+/// Most of the closest boxes whose records lie with the answer, and one more that may be as near: the host reads answers one
+/// after the other, and finds them in its caches.
+const MOST_IN_ANSWER: u32 = 8;
+/// Candidates in lists, with their heads, that there is room for at first, for each ray or sphere.
+const LISTED: u64 = 2;
+/// Most candidates in lists of a submission, 256 MiB of host memory. What has more is the cores'.
+const MOST_LISTED: u64 = 1 << 23;
 /// The order is found anew when more than one leaf in so many has grown too much.
 const LOOSE_SHARE: u64 = 4;
 
-/// Words of the control block: leaves that have grown too much, candidates with their heads, steps.
+/// Words of the control block: leaves that have grown too much, candidates and heads of lists, steps.
 type Control = [u32; 3];
-/// Where the last list of a search is, and 0 if it has all candidates.
-type Answer = [u32; 2];
+/// Of an answer: where its last list is, how many candidates follow, and 0 if those are all. Of a list: where the one before
+/// it is, and how many follow.
+type Head = [u32; 4];
 const NO_LIST: u32 = u32::MAX;
 
 frame_blocks! { Scratch, Parts:
@@ -53,7 +57,7 @@ frame_blocks! { Scratch, Parts:
     control in Video,
     summary in Host,
     answers in Host,
-    candidates in Host,
+    lists in Host,
 }
 
 /// What a recording depends on, but for blocks that are kept until all recordings are dropped.
@@ -78,18 +82,21 @@ pub(in crate::execute::gpu::scene) struct DeviceTree {
     is_built: bool,
     /// Whether boxes are where they are now.
     is_current: bool,
-    /// Candidates that the last search had.
-    last_candidates: u64,
+    /// Candidates in lists that the last search had, with their heads.
+    last_listed: u64,
 }
 
 /// What a search left to decide.
 pub(in crate::execute::gpu::scene) struct Found {
-    answers: Vec<Answer>,
-    candidates: Part,
-    /// Candidates with their heads.
-    count: u32,
+    answers: Part,
+    answer_room: u32,
+    shapes: u32,
+    lists: Part,
+    /// Candidates in lists, with their heads.
+    listed: u32,
     slots: u32,
     is_wrong: AtomicBool,
+    has_given_up: AtomicBool,
     /// Boxes and groups that were looked at.
     pub looked_at: u64,
 }
@@ -104,15 +111,15 @@ impl DeviceTree {
             ordered: None,
             is_built: false,
             is_current: false,
-            last_candidates: 0,
+            last_listed: 0,
         }
     }
 
     /// Bytes that are allocated, in video memory for the most part.
     pub fn bytes(&self) -> u64 {
-        let Scratch { params, order, items, edges, control, summary, answers, candidates } =
+        let Scratch { params, order, items, edges, control, summary, answers, lists } =
             &self.scratch;
-        let all = [params, order, items, edges, control, summary, answers, candidates];
+        let all = [params, order, items, edges, control, summary, answers, lists];
         all.into_iter().map(Growing::held_bytes).sum()
     }
 
@@ -164,8 +171,9 @@ impl DeviceTree {
         let ordered = self.ordered.unwrap_or(0);
         let levels = Levels::of(ordered.max(slots));
         let closest = if let Hits::Closest(most) = hits { most } else { 0 };
-        let expected = shapes.len() as u64 * (u64::from(closest) + SPARE_CANDIDATES);
-        let mut room = expected.max(self.last_candidates + self.last_candidates / 4);
+        let answer_room = closest.min(MOST_IN_ANSWER) + 1;
+        let listed = LISTED + u64::from(closest.saturating_sub(MOST_IN_ANSWER));
+        let mut room = (listed * shapes.len() as u64).max(self.last_listed + self.last_listed / 4);
         let now = Part::of(now, 0, now.bytes().min(tools.binding_bytes));
         let mut replaced = false;
         let (questions, stage) = match shapes {
@@ -180,9 +188,11 @@ impl DeviceTree {
         if replaced {
             self.frames.clear();
         }
-        while room <= MOST_CANDIDATES {
-            let parts = self.parts(tools, &levels, room, shapes.len() as u64)?;
-            let room_made = (parts.candidates.bytes / CANDIDATE_BYTES) as u32;
+        while room <= MOST_LISTED {
+            let answer_bytes = HEAD_BYTES + CANDIDATE_BYTES * u64::from(answer_room);
+            let answers_bytes = answer_bytes * shapes.len() as u64;
+            let parts = self.parts(tools, &levels, answers_bytes, room)?;
+            let room_made = (parts.lists.bytes / CANDIDATE_BYTES) as u32;
             parts.params.block.write(
                 0,
                 &[CastParams {
@@ -192,12 +202,12 @@ impl DeviceTree {
                     queries: shapes.len() as u32,
                     closest,
                     any: u32::from(hits == Hits::Any),
+                    answer_room,
                     room: room_made,
                     all_steps: ALL_STEPS,
                     steps: STEPS,
                     thread_rounds: gpu.limits().thread_rounds,
                     top: levels.top,
-                    padding: 0,
                     levels: levels.layout(),
                 }],
             );
@@ -215,7 +225,7 @@ impl DeviceTree {
             frame.end(TIMEOUT[usize::from(gpu.is_software())])?;
             let mut summary: [Control; 1] = [[0; 3]];
             parts.summary.block.read(0, &mut summary);
-            let [[loose, count, steps]] = summary;
+            let [[loose, listed, steps]] = summary;
             if shape.follows {
                 self.is_current = true;
                 let was_built = std::mem::replace(&mut self.is_built, true);
@@ -224,22 +234,23 @@ impl DeviceTree {
                     self.ordered = None;
                 }
             }
-            self.last_candidates = count.into();
-            if count <= room_made {
-                let mut answers = vec![[0; 2]; shapes.len()];
-                parts.answers.block.read(0, &mut answers);
+            self.last_listed = listed.into();
+            if listed <= room_made {
                 return Ok(Some(Found {
-                    answers,
-                    candidates: parts.candidates,
-                    count,
+                    answers: parts.answers,
+                    answer_room,
+                    shapes: shapes.len() as u32,
+                    lists: parts.lists,
+                    listed,
                     slots,
                     is_wrong: AtomicBool::new(false),
+                    has_given_up: AtomicBool::new(false),
                     looked_at: u64::from(steps) * u64::from(CAST_LANES),
                 }));
             }
-            room = u64::from(count);
+            room = u64::from(listed);
         }
-        self.last_candidates = 0;
+        self.last_listed = 0;
         Ok(None)
     }
 
@@ -249,8 +260,8 @@ impl DeviceTree {
         &mut self,
         tools: &SceneTools,
         levels: &Levels,
+        answers_bytes: u64,
         room: u64,
-        queries: u64,
     ) -> Result<Parts, GpuError> {
         let most = tools.binding_bytes;
         let mut replaced = false;
@@ -269,8 +280,8 @@ impl DeviceTree {
             edges: part(&mut s.edges, size_of::<f32>() as u64 * levels.leaves())?,
             control: part(&mut s.control, size_of::<Control>() as u64)?,
             summary: part(&mut s.summary, size_of::<Control>() as u64)?,
-            answers: part(&mut s.answers, ANSWER_BYTES * queries)?,
-            candidates: part(&mut s.candidates, CANDIDATE_BYTES * room)?,
+            answers: part(&mut s.answers, answers_bytes)?,
+            lists: part(&mut s.lists, CANDIDATE_BYTES * room)?,
         };
         if replaced {
             if let Some(word) = tools.poison {
@@ -314,54 +325,77 @@ fn steps(
 }
 
 impl Found {
+    const fn place(&self, query: u32) -> u64 {
+        query as u64 * (HEAD_BYTES + CANDIDATE_BYTES * self.answer_room as u64)
+    }
+
+    fn head(&self, query: u32) -> Head {
+        let mut head = [0; 4];
+        self.answers.block.read(self.place(query), &mut head);
+        head
+    }
+
     /// Numbers of the shapes whose candidates are not here.
     pub fn given_up(&self) -> Vec<u32> {
-        let of = (0..).zip(&self.answers);
-        of.filter(|(_, [_, ended])| *ended != 0).map(|(query, _)| query).collect()
+        (0..self.shapes).filter(|query| self.head(*query)[2] != 0).collect()
     }
 
     /// The candidates of a shape; none of one that was given up.
     pub fn candidates(&self, query: u32, to: &mut Vec<(u32, Aabb)>) {
-        let [mut head, ended] = self.answers.get(query as usize).copied().unwrap_or([NO_LIST, 1]);
-        if ended != 0 {
-            return;
-        }
-        while head != NO_LIST {
-            // Lists are made one after the other: one that comes before itself is a fault of the device.
-            let before = self.list(head, to).filter(|before| *before < head || *before == NO_LIST);
-            let Some(before) = before else {
-                // Relaxed: nothing is read by it.
-                self.is_wrong.store(true, Ordering::Relaxed);
-                to.clear();
-                return;
-            };
-            head = before;
+        if self.read(query, to).is_none() {
+            // Relaxed here and below: nothing is read by it.
+            self.is_wrong.store(true, Ordering::Relaxed);
+            to.clear();
         }
     }
 
-    /// Reads a list. Returns where the one before it is; `None` where it does not lie among the candidates, or names an
-    /// index that has no record.
-    fn list(&self, head: u32, to: &mut Vec<(u32, Aabb)>) -> Option<u32> {
-        let rest = self.count.checked_sub(head)?.checked_sub(1)?;
-        let read = |at: u32, words: &mut [u32]| {
-            self.candidates.block.read(u64::from(at) * CANDIDATE_BYTES, words);
-        };
-        let mut words = [0; 2];
-        read(head, &mut words);
-        let [before, count] = words;
-        if count > rest {
-            return None;
+    /// `None` where the device says what no search can say.
+    fn read(&self, query: u32, to: &mut Vec<(u32, Aabb)>) -> Option<()> {
+        let [mut list, count, ended, _] = self.head(query);
+        if ended != 0 {
+            self.has_given_up.store(true, Ordering::Relaxed);
+            return Some(());
         }
-        for at in head + 1..=head + count {
+        let fits = count <= self.answer_room;
+        let place = self.place(query) + HEAD_BYTES;
+        fits.then(|| self.records(&self.answers, place, count, to))??;
+        while list != NO_LIST {
+            let mut head: Head = [0; 4];
+            let rest = self.listed.checked_sub(list)?.checked_sub(1)?;
+            let place = u64::from(list) * CANDIDATE_BYTES;
+            self.lists.block.read(place, &mut head);
+            let [before, count, ..] = head;
+            // Lists are made one after the other: none comes before itself.
+            let fits = count <= rest && (before < list || before == NO_LIST);
+            fits.then(|| self.records(&self.lists, place + CANDIDATE_BYTES, count, to))??;
+            list = before;
+        }
+        Some(())
+    }
+
+    /// Reads candidates from a place on; `None` where one names an index that has no record.
+    fn records(
+        &self,
+        part: &Part,
+        place: u64,
+        count: u32,
+        to: &mut Vec<(u32, Aabb)>,
+    ) -> Option<()> {
+        for at in 0..u64::from(count) {
             let mut record: Record = [0; 8];
-            read(at, bytemuck::cast_slice_mut(&mut record));
+            part.block.read(place + at * CANDIDATE_BYTES, &mut record);
             let index = record[6] as u32;
             if index >= self.slots {
                 return None;
             }
             to.push((index, box_of_keys(&record)));
         }
-        Some(before)
+        Some(())
+    }
+
+    /// Whether a shape whose candidates were asked for was given up.
+    pub fn has_given_up(&self) -> bool {
+        self.has_given_up.load(Ordering::Relaxed)
     }
 
     /// Whether the device said what no search can say.
