@@ -22,7 +22,7 @@
 
 // Bounds are off by less than this share: six roundings and a quotient, with room.
 const ROUNDING: f32 = 9.5367431640625e-7;
-// Numbers that are taken as they are: 0, and magnitudes of their bits from 1e-15 to 1e15.
+// Numbers that are taken as they are: 0, and magnitudes of their bits from here (1e-15), or from others, to 1e15.
 const LEAST_USUAL: u32 = 0x26901d7du;
 const MOST_USUAL: u32 = 0x58635fa9u;
 
@@ -33,11 +33,21 @@ fn key_of(x: f32) -> u32 {
     return bitcast<u32>(x) & MAGNITUDE_BITS;
 }
 
-fn are_usual(bits: vec3<u32>) -> bool {
+fn are_usual(bits: vec3<u32>, least: u32) -> bool {
     let magnitudes = bits & vec3<u32>(MAGNITUDE_BITS);
-    let in_range = (magnitudes >= vec3<u32>(LEAST_USUAL)) & (magnitudes <= vec3<u32>(MOST_USUAL));
+    let in_range = (magnitudes >= vec3<u32>(least)) & (magnitudes <= vec3<u32>(MOST_USUAL));
     return all(in_range | (magnitudes == vec3<u32>(0u)));
 }
+
+fn are_finite(bits: vec3<u32>) -> bool {
+    return all((bits & vec3<u32>(MAGNITUDE_BITS)) < vec3<u32>(INFINITY_BITS));
+}
+
+// What a ray or a sphere is: one of numbers that are taken as they are, one that the cores look for, or one that finds
+// nothing.
+const USUAL: u32 = 0u;
+const UNUSUAL: u32 = 1u;
+const INVALID: u32 = 2u;
 
 #import cast_question
 
@@ -53,6 +63,8 @@ const STEP_ROUNDS: u32 = 2u;
 
 const LEVEL_BITS: u32 = 28u;
 const NO_LIST: u32 = 0xffffffffu;
+// Candidates that are counted: more than there is ever room for.
+const MOST_COUNTED: u32 = 0x80000000u;
 // How a search ends: with all candidates, or without them.
 const ANSWERED: u32 = 0u;
 const GIVEN_UP: u32 = 1u;
@@ -95,7 +107,11 @@ fn second_half(at: u32) -> vec4<i32> {
 fn hand_out(lane: u32, first: u32, before: u32) -> u32 {
     let count = atomicLoad(&found_count) - first;
     if (lane == 0u) {
-        list = atomicAdd(&control[CANDIDATES], count + 1u);
+        // So that it never comes to 0 again, however many are found.
+        list = NO_LIST;
+        if (atomicLoad(&control[CANDIDATES]) < MOST_COUNTED) {
+            list = atomicAdd(&control[CANDIDATES], count + 1u);
+        }
     }
     workgroupBarrier();
     let head = list;
@@ -119,7 +135,7 @@ fn hand_out(lane: u32, first: u32, before: u32) -> u32 {
 
 // Answers with the candidates at hand and those of a list.
 fn answer(query: u32, lane: u32, last_list: u32, ended: u32) {
-    let count = atomicLoad(&found_count);
+    let count = select(0u, atomicLoad(&found_count), ended == ANSWERED);
     let here = min(count, params.answer_room);
     let place = query * (1u + 2u * params.answer_room);
     for (var at = lane; at < here; at += CAST_LANES) {
@@ -171,7 +187,7 @@ fn settle(lane: u32, count: u32) {
     for (var own = 0u; own < kept_count; own++) {
         found[atomicAdd(&found_count, 1u)] = kept[own];
     }
-    rounds += 2u * count;
+    rounds += FOUND_A_LANE * count;
     workgroupBarrier();
 }
 
@@ -252,15 +268,15 @@ fn search(query: u32, lane: u32) {
         is_hit = 0u;
         is_too_much = select(0u, 1u, atomicLoad(&control[STEPS]) >= params.all_steps);
     }
-    let is_usual = take_question(query);
+    let kind = take_question(query);
     if (lane == 0u) {
         limit = most_key();
     }
     workgroupBarrier();
-    var ended = select(GIVEN_UP, ANSWERED, is_usual && is_too_much == 0u);
+    var ended = select(ANSWERED, GIVEN_UP, kind == UNUSUAL || is_too_much != 0u);
     var before = NO_LIST;
     var steps = 0u;
-    var count = 1u;
+    var count = select(1u, 0u, kind == INVALID);
     var goes_on = true;
     while (ended == ANSWERED && count > 0u && goes_on) {
         let group = take_nearest(lane, count);

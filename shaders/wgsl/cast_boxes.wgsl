@@ -107,7 +107,7 @@ fn main(
             }
             let all_edges = max(group_max[lane] - group_min[lane], vec3<f32>(0.0));
             let length = all_edges.x + all_edges.y + all_edges.z;
-            if (params.is_built != 0u) {
+            if (params.notes_edges != 0u) {
                 edges[leaf] = length;
             } else if (place >= params.ordered || length > TOO_LONG * edges[leaf]) {
                 atomicAdd(&loose_count, 1u);

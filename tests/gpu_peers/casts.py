@@ -1,6 +1,6 @@
 """Rays (the closest box of each) by Warp's BVH, end to end: rays from host memory, hits back in it.
 
-    python -m gpu_peers.casts uniform.raw uniform-2.raw pile.raw pile-2.raw
+    python tests/gpu_peers/casts.py uniform.raw uniform-2.raw pile.raw pile-2.raw
 
 Boxes of two files a scene, as `pairmaskd scene` writes them: those that are hit, and those of another seed, at whose min
 corners rays begin, as in `--bench casts`. A row a scene: the median, least and most ms of a batch,

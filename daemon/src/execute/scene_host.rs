@@ -1,7 +1,7 @@
 //! A scene where it is kept: by the cores of this machine, or in video memory.
 //!
 //! It begins with the cores. It moves to the GPU, unless an engine was asked for by name, when what its
-//! edits and queries would have saved there comes to more than the move takes: so it never pays more than twice
+//! edits, queries and casts would have saved there comes to more than the move takes: so it never pays more than twice
 //! what the better place costs. It stays there: an edit takes the GPU 50 µs at the least, and boxes would have to
 //! come back. A large scene is kept by all GPUs, if it is large when it moves, or with its first boxes.
 
@@ -31,6 +31,8 @@ const CHANGED_SHARE: f64 = 8.0;
 /// it).
 const CAST_NS: f64 = 100_000.0;
 const CAST_NS_A_SHAPE: f64 = 50.0;
+/// What a ray or a sphere takes the cores, at most.
+const MOST_CORE_CAST_NS: f64 = 2_000.0;
 /// Time to move a scene, ns a box: collected here, copied, and written there.
 const MOVE_NS_A_BOX: f64 = 100.0;
 /// Time to move any scene, ns: memory is taken.
@@ -45,7 +47,7 @@ pub struct SceneHost {
     most_query_pairs: u64,
     /// Most GPUs that there is room on for it. Who makes room for an edit sets it, and has the scene to read alone.
     most_gpus: usize,
-    /// What edits and queries would have saved on the GPU, ns.
+    /// What edits, queries and casts would have saved on the GPU, ns.
     would_have_saved_ns: f64,
 }
 
@@ -180,6 +182,8 @@ impl SceneHost {
     /// Notes a cast that the cores have answered, and for which the GPU would have looked.
     fn note_cores_cast(&mut self, shapes: usize, took_ns: f64) {
         if self.engine == EngineChoice::Auto && self.gpus.cost().is_some() {
+            // More than that was the building of a tree, which the GPU needs as well.
+            let took_ns = took_ns.min(MOST_CORE_CAST_NS * shapes as f64);
             self.note_saved(took_ns - CAST_NS - CAST_NS_A_SHAPE * shapes as f64);
         }
     }

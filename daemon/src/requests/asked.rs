@@ -60,7 +60,7 @@ impl Asked<'_> {
         }
     }
 
-    /// Whether a GPU answers it, in a scene where it is kept.
+    /// Whether a GPU finds all that it asks for, in a scene where it is kept, with nothing left to decide.
     pub const fn is_of_gpu(&self, scene: &SceneHost) -> bool {
         matches!(self, Self::Query(_)) && scene.engine().is_gpu()
     }

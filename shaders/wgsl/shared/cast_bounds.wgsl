@@ -1,4 +1,4 @@
-// Bounds of the 32 items that 32 lanes have.
+// Bounds of items, one a lane, of each group of 32 lanes.
 
 var<workgroup> group_min: array<vec3<f32>, BATCH_BOXES>;
 var<workgroup> group_max: array<vec3<f32>, BATCH_BOXES>;

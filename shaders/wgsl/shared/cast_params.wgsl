@@ -12,8 +12,8 @@ struct CastParams {
     slots: u32,
     // Places of the tree that have their index by a list; the place of a later one is its index.
     ordered: u32,
-    // 1: the tree was put in order for these boxes, and the edges of its leaves are noted.
-    is_built: u32,
+    // 1: the tree was put in order for these boxes, and the edges of its leaves are noted; else held to those noted.
+    notes_edges: u32,
     // Rays or spheres.
     queries: u32,
     // Most of the closest boxes of each; 0: all.

@@ -15,16 +15,22 @@ var<private> is_mirrored: vec3<bool>;
 var<private> is_level: vec3<bool>;
 var<private> ray_most: f32;
 
-fn take_question(query: u32) -> bool {
+// Directions are taken from 1e-19 on: what is far over this is still a number.
+const LEAST_DIRECTION: u32 = 0x1fec1e4au;
+
+fn take_question(query: u32) -> u32 {
     let at = 10u * query;
     let origin_bits = vec3<u32>(questions[at], questions[at + 1u], questions[at + 2u]);
     let direction_bits = vec3<u32>(questions[at + 3u], questions[at + 4u], questions[at + 5u]);
     let most_bits = questions[at + 6u];
     let half_bits = vec3<u32>(questions[at + 7u], questions[at + 8u], questions[at + 9u]);
-    let are_numbers = are_usual(origin_bits) && are_usual(direction_bits) && are_usual(half_bits);
+    let are_numbers = are_finite(origin_bits) && are_finite(direction_bits) && are_finite(half_bits);
     let are_lengths = all(half_bits <= vec3<u32>(SIGN_BIT)) && most_bits <= SIGN_BIT && !is_nan(most_bits);
     if (!are_numbers || !are_lengths) {
-        return false;
+        return INVALID;
+    }
+    if (!(are_usual(origin_bits, LEAST_USUAL) && are_usual(direction_bits, LEAST_DIRECTION) && are_usual(half_bits, LEAST_USUAL))) {
+        return UNUSUAL;
     }
     is_level = (direction_bits & vec3<u32>(MAGNITUDE_BITS)) == vec3<u32>(0u);
     is_mirrored = direction_bits > vec3<u32>(SIGN_BIT);
@@ -41,11 +47,11 @@ fn take_question(query: u32) -> bool {
     inner_near = origin + half - slack;
     inner_far = origin - half + slack;
     ray_most = select(min(bitcast<f32>(most_bits & MAGNITUDE_BITS), BEYOND), 0.0, all(is_level));
-    return true;
+    return USUAL;
 }
 
 fn most_key() -> u32 {
-    return key_of(ray_most);
+    return key_of(max(ray_most, SMALLEST));
 }
 
 fn is_beside(before: vec3<f32>, behind: vec3<f32>) -> bool {

@@ -3,17 +3,20 @@
 // Four f32 each: center, radius.
 @group(0) @binding(4) var<storage, read> questions: array<vec4<u32>>;
 
-// Larger radii than this are without an end: their squares.
-const FARTHEST: f32 = 1e15;
+// Larger radii than this are without an end: all that lies within the outermost coordinates is nearer.
+const FARTHEST: f32 = 4e18;
 
 var<private> center: vec3<f32>;
 var<private> radius: f32;
 
-fn take_question(query: u32) -> bool {
+fn take_question(query: u32) -> u32 {
     let sphere = questions[query];
     center = bitcast<vec3<f32>>(sphere.xyz);
     radius = bitcast<f32>(sphere.w & MAGNITUDE_BITS);
-    return are_usual(sphere.xyz) && sphere.w <= SIGN_BIT && !is_nan(sphere.w);
+    if (!are_finite(sphere.xyz) || sphere.w > SIGN_BIT || is_nan(sphere.w)) {
+        return INVALID;
+    }
+    return select(UNUSUAL, USUAL, are_usual(sphere.xyz, LEAST_USUAL));
 }
 
 fn most_key() -> u32 {

@@ -72,26 +72,78 @@ fn tools_with(options: &EngineOptions) -> [Arc<SceneTools>; 1] {
     [scene_tools(0, options)]
 }
 
+/// Usual questions among which one in twenty is as odd as the boxes may be, all of them so many times as large.
+fn questions(numbers: Numbers, scale: f32, rng: &mut Rng) -> (Vec<Ray>, Vec<Sphere>) {
+    let of = |at: usize| match at % 20 {
+        0 => numbers,
+        1..10 => Numbers::Quarters,
+        _ => Numbers::Fractions,
+    };
+    let scaled = |point: [f32; 3]| point.map(|x| x * scale);
+    let rays = (0..MANY).map(|at| {
+        let ray = of(at).ray(rng);
+        Ray {
+            origin: scaled(ray.origin),
+            half_extents: scaled(ray.half_extents),
+            most: if at % 2 == 0 { ray.most * scale } else { ray.most },
+            ..ray
+        }
+    });
+    let rays = rays.collect();
+    let spheres = (0..MANY).map(|at| {
+        let sphere = of(at).sphere(rng);
+        let far = [1.0, 1.0, 1e3, 1e15][rng.below(4) as usize];
+        Sphere::new(scaled(sphere.center), sphere.radius * scale * far)
+    });
+    (rays, spheres.collect())
+}
+
 /// Boxes and questions of every magnitude, with checked stages and in memory that held something else as well.
 #[test]
 fn rays_and_spheres_hit_what_the_core_says() {
     let poisoned = |word| EngineOptions { poison: Some(word), ..EngineOptions::default() };
     let checked = EngineOptions { checks: Checks::On, ..EngineOptions::default() };
     let all = [EngineOptions::default(), checked, poisoned(0xa5a5_a5a5), poisoned(u32::MAX)];
+    let (mut cast, mut left) = (0, 0);
     for (seed, options) in (0..).zip(all) {
         let (tools, mut rng) = (tools_with(&options), Rng::new(seed));
         for round in 0..tier::nightly_or(60, 4) {
             for numbers in Numbers::ALL {
                 let n = [1, 17, 300, 2_000][round % 4];
-                let boxes: Vec<Aabb> = (0..n).map(|_| numbers.some_box(&mut rng)).collect();
-                let rays: Vec<Ray> = (0..MANY).map(|_| numbers.ray(&mut rng)).collect();
-                let spheres: Vec<Sphere> = (0..MANY).map(|_| numbers.sphere(&mut rng)).collect();
+                let scale = [1.0, 1e-9, 1e14, 3e17][rng.below(4) as usize];
+                let boxes = (0..n).map(|_| {
+                    let Aabb { min, max } = numbers.some_box(&mut rng);
+                    Aabb::new(min.map(|x| x * scale), max.map(|x| x * scale))
+                });
+                let boxes: Vec<Aabb> = boxes.collect();
+                let (rays, spheres) = questions(numbers, scale.min(1e14), &mut rng);
                 let mut both = Both::new(&tools, &boxes);
                 for _ in 0..3 {
                     let hits = some_hits(&mut rng);
-                    both.ask(&rays, &spheres, hits, &format!("{numbers:?}, {n} boxes"));
+                    both.ask(&rays, &spheres, hits, &format!("{numbers:?} {scale}, {n} boxes"));
                 }
+                (cast, left) = (cast + both.cast, left + both.left);
             }
+        }
+    }
+    assert!(left * 4 < cast, "{left} of {cast} were the cores'");
+}
+
+/// A sphere whose radius is large and ends before the boxes that a search looks at first.
+#[test]
+fn a_large_radius_ends() {
+    let near = Aabb::new([-1.3e15; 3], [-1.2e15; 3]);
+    let far = |axis: usize| {
+        let min: [f32; 3] = std::array::from_fn(|at| if at == axis { 1e17 } else { -1e15 });
+        Aabb::new(min, min.map(|x| x + 1e16))
+    };
+    let mut boxes = vec![near; 32];
+    boxes.extend((0..32).map(|at| far(at % 2)));
+    let mut both = Both::new(&tools_with(&EngineOptions::default()), &boxes);
+    for radius in [1e15, 2.5e15, 1e17, 3e17, 1e19, f32::INFINITY] {
+        for hits in [Hits::Any, Hits::All, Hits::Closest(5)] {
+            let spheres = vec![Sphere::new([0.0; 3], radius); MANY];
+            both.ask(&[], &spheres, hits, &format!("a radius of {radius}"));
         }
     }
 }
@@ -149,7 +201,9 @@ fn many_hits_have_room_or_are_an_error() {
     let mut both = Both::new(&tools, &boxes);
     let rays = vec![Ray::new([-9.0, 0.5, 0.5], [1.0, 0.0, 0.0]); MANY];
     both.ask(&rays, &[], Hits::All, "a row");
-    assert_eq!((both.found[1].len(), both.left), (900 * MANY, 0));
+    assert_eq!(both.found[1].len(), 900 * MANY);
+    both.ask(&rays, &[], Hits::Closest(1), "after a row");
+    assert_eq!(both.left, 0);
     let cast = |most_hits| Cast {
         shapes: Shapes::Rays(&rays),
         hits: Hits::All,
@@ -163,6 +217,26 @@ fn many_hits_have_room_or_are_an_error() {
     }];
     let [right, found] = refused.map(|refused| refused.expect_err("too many").to_string());
     assert_eq!(right, found);
+}
+
+/// More rays than one submission takes, and fewer hits of later ones than may be of all.
+#[test]
+fn casts_of_several_submissions_are_numbered_on() {
+    let tools = tools_with(&EngineOptions::default());
+    let mut both = Both::new(&tools, &[at(0.0), at(5.0)]);
+    let mut rays = vec![Ray::new([0.0, 9.0, 0.0], [1.0, 0.0, 0.0]); (1 << 18) + 300];
+    let count = rays.len();
+    for at in [0, 7, (1 << 18) - 1, 1 << 18, count - 1] {
+        rays[at] = Ray::new([-9.0, 0.5, 0.5], [1.0, 0.0, 0.0]);
+    }
+    both.ask(&rays, &[], Hits::All, "many rays");
+    assert_eq!((both.found[1].len(), both.left), (10, 0));
+    let (shapes, filter_data) = (Shapes::Rays(&rays), QueryFilterData::None);
+    let cast = Cast { shapes, hits: Hits::All, filter_data, most_hits: 8 };
+    let mut found = vec![Hit::default()];
+    let right = both.core.cast(&cast, &mut Vec::new()).expect_err("too many").to_string();
+    let refused = both.gpu.cast(&cast, &mut found).expect_err("too many").to_string();
+    assert_eq!((refused, found), (right, Vec::new()));
 }
 
 /// Shapes with filter data find what they may meet.
@@ -183,6 +257,7 @@ fn filters_say_what_is_found() {
         for hits in [Hits::All, Hits::Any, Hits::Closest(2)] {
             let shapes = Shapes::Rays(&rays);
             both.check(&Cast { shapes, hits, filter_data, most_hits: MOST_HITS }, "worlds");
+            assert_eq!(both.gpu.left_to_cores() == 0, hits == Hits::All);
         }
     }
 }
@@ -227,7 +302,7 @@ fn casts_follow_edits() {
     assert_eq!(both.left, 0);
 }
 
-/// Boxes that go far make a tree that is put in order anew.
+/// Boxes that go far make a tree that is put in order anew: a search takes as many steps as in a new one.
 #[test]
 fn casts_follow_boxes_that_go_far() {
     let tools = tools_with(&EngineOptions::default());
@@ -239,7 +314,13 @@ fn casts_follow_boxes_that_go_far() {
         let rays: Vec<Ray> = (0..MANY).map(|_| a_ray(&mut rng, 12.0)).collect();
         let spheres: Vec<Sphere> = (0..MANY).map(|_| a_sphere(&mut rng, 12.0)).collect();
         both.ask(&rays, &spheres, Hits::Closest(4), &format!("round {round}"));
+        let (shapes, filter_data) = (Shapes::Rays(&rays), QueryFilterData::None);
+        let cast = Cast { shapes, hits: Hits::Closest(1), filter_data, most_hits: MOST_HITS };
+        let looked_at = |both: &mut Both| both.gpu.cast(&cast, &mut Vec::new()).expect("hits");
+        let [here, new] = [looked_at(&mut both), looked_at(&mut Both::new(&tools, &boxes))];
+        assert!(4 * here <= 5 * new, "round {round}: {here} and {new}");
     }
+    assert_eq!(both.left, 0);
 }
 
 /// A device that is lost leaves casts to another that has the scene; the last one's loss is an error.
@@ -253,6 +334,12 @@ fn casts_go_on_on_another_device() {
     both.ask(&rays, &[], Hits::Closest(2), "two devices");
     tools[0].gpu().destroy();
     both.ask(&rays, &[], Hits::Closest(2), "one device");
+    // Where it is lost before any cast.
+    let others = shared_tools(2);
+    let mut other = Both::new(&others, &boxes);
+    others[0].gpu().destroy();
+    other.ask(&rays, &[], Hits::Closest(2), "one device at first");
+    assert_eq!((both.left, other.left, other.gpu.gpu_count()), (0, 0, 1));
     both.ask(&rays[..3], &[], Hits::Closest(2), "one device, few rays");
     tools[1].gpu().destroy();
     let (filter_data, most_hits) = (QueryFilterData::None, MOST_HITS);

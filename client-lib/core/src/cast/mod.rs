@@ -43,7 +43,7 @@ mod ray;
 mod search;
 mod tree;
 
-pub use self::search::{Among, CandidatesOf, Limits, Shapes};
+pub use self::search::{Among, CandidatesOf, Deciders, Limits, Shapes};
 pub use self::tree::{BoxTree, near_order};
 
 use bytemuck::{Pod, Zeroable};

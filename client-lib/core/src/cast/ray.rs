@@ -129,17 +129,22 @@ pub(super) fn is_extreme(ray: &Ray) -> Option<bool> {
 }
 
 impl<'a, F: Real> RayProbe<'a, F> {
-    pub fn new(ray: &'a Ray) -> Self {
-        let Ray { origin, direction, most, half_extents } = ray;
-        let mut probe = Self {
+    /// One that knows no bounds, and measures boxes.
+    pub fn without_bounds(ray: &'a Ray) -> Self {
+        Self {
             ray,
             near: [F::ZERO; 3],
             far: [F::ZERO; 3],
             one_over: [F::INFINITY; 3],
             is_reversed: [false; 3],
             // One that does not move is where it is at once. Never -0, whose bits do not sort.
-            most: if direction.iter().all(|d| *d == 0.0) { 0.0 } else { *most + 0.0 },
-        };
+            most: if ray.direction.iter().all(|d| *d == 0.0) { 0.0 } else { ray.most + 0.0 },
+        }
+    }
+
+    pub fn new(ray: &'a Ray) -> Self {
+        let Ray { origin, direction, half_extents, .. } = ray;
+        let mut probe = Self::without_bounds(ray);
         for axis in 0..3 {
             let (o, h, d) = (origin[axis], half_extents[axis], direction[axis]);
             // Mins are less the half extents, and so counted from an origin with them; maxes the other way.

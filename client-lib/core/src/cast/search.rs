@@ -141,6 +141,9 @@ impl Question for Ray {
     fn ask(&self, search: &mut Search<'_>, admits: &dyn Fn(u32) -> bool) {
         match is_extreme(self) {
             None => {}
+            Some(_) if matches!(search.place, Place::Candidates(_)) => {
+                search.run(&RayProbe::<f32>::without_bounds(self), admits);
+            }
             Some(false) => search.run(&RayProbe::<f32>::new(self), admits),
             Some(true) => search.run(&RayProbe::<f64>::new(self), admits),
         }
@@ -168,14 +171,34 @@ struct Task<'a, Q> {
     is_out_of_memory: bool,
 }
 
-/// What it takes a thread to decide the candidates of a question, ns: some 50 each, where few are more than asked for.
-fn decide_ns(hits: Hits) -> f64 {
+/// A thread decides a candidate in so long, ns.
+const DECIDE_NS: f64 = 50.0;
+/// Candidates of a question of which all hits are asked for: so many are few.
+const SOME_HITS: u32 = 8;
+
+/// Threads of so many that the candidates of questions are worth.
+fn deciding_threads(questions: usize, hits: Hits, most: usize) -> usize {
     let candidates = match hits {
         Hits::Any => 1,
-        Hits::Closest(most) => most,
-        Hits::All => 8,
+        Hits::Closest(closest) => closest,
+        Hits::All => SOME_HITS,
     };
-    50.0 * f64::from(candidates.saturating_add(1))
+    let one_ns = DECIDE_NS * f64::from(candidates.saturating_add(1)) * questions as f64;
+    team::threads_for(one_ns, Some(most))
+}
+
+/// Threads that wait for candidates to decide, until this is dropped or for some 100 µs.
+#[must_use = "the threads leave when this is dropped"]
+pub struct Deciders {
+    _team: team::Frame,
+}
+
+impl Deciders {
+    /// Calls threads, so many at most, for the candidates of so many questions, which somebody is about to find: to wake
+    /// takes a thread as long as a GPU looks for them.
+    pub fn call(questions: usize, hits: Hits, threads: usize) -> Self {
+        Self { _team: team::enter(deciding_threads(questions, hits, threads)) }
+    }
 }
 
 /// Finds the hits of many questions.
@@ -189,10 +212,7 @@ fn find<Q: Question>(
 ) -> Result<u64, CullError> {
     found.clear();
     let threads = match among {
-        Among::Candidates(_) => {
-            let one_ns = questions.len() as f64 * decide_ns(hits);
-            team::threads_for(one_ns, Some(limits.threads))
-        }
+        Among::Candidates(_) => deciding_threads(questions.len(), hits, limits.threads),
         Among::Tree(_) | Among::Boxes(_) => limits.threads,
     };
     let _team = team::enter(threads);

@@ -85,6 +85,9 @@ impl Replica {
         self.edit = Some(self.upload.put(gpu, sets, marks, threads, &mut replaced)?);
         if replaced {
             self.frames.clear();
+            if let Some(tree) = &mut self.casts {
+                tree.forget_frames();
+            }
         }
         Ok(QueriesUploaded { queries, replaced })
     }

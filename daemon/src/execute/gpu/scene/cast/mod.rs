@@ -15,7 +15,7 @@ mod tree;
 use std::sync::Arc;
 
 use pairmask_core::Aabb;
-use pairmask_core::cast::{Among, Hit, Hits, Limits, Ray, Shapes};
+use pairmask_core::cast::{Among, Deciders, Hit, Hits, Limits, Ray, Shapes};
 use pairmask_core::engine::{CullError, ReserveError};
 use pairmask_core::scene::states::STILL;
 use pairmask_core::scene::{Cast, Edit, QueryError, QueryFilterData};
@@ -99,18 +99,35 @@ impl GpuScene {
     /// [`QueryError`]. After [`CullError::DeviceLost`] the scene is to be dropped.
     pub fn cast(&mut self, cast: &Cast<'_>, found: &mut Vec<Hit>) -> Result<u64, QueryError> {
         cast.filter_data.check(cast.shapes.len())?;
-        found.clear();
         self.casts.left = 0;
-        if !is_for_gpu(cast) || !self.casts.take_turn() {
+        if !is_for_gpu(cast) {
             return Ok(self.cast_by_cores(cast, None, found)?);
         }
+        found.clear();
+        let looked_at = self.cast_in_parts(cast, found).map_err(|error| {
+            found.clear();
+            match error {
+                // Of a part, which may find no more than the parts before it have left.
+                CullError::Reserve(ReserveError::TooLarge { .. }) => {
+                    Limits { most_hits: cast.most_hits, threads: 1 }.exceeded()
+                }
+                other => other,
+            }
+        })?;
+        Ok(looked_at)
+    }
+
+    fn cast_in_parts(&mut self, cast: &Cast<'_>, found: &mut Vec<Hit>) -> Result<u64, CullError> {
         let (mut looked_at, mut more) = (0, Vec::new());
         for first in (0..cast.shapes.len()).step_by(TOGETHER) {
             let mut part = cast.part(first..(first + TOGETHER).min(cast.shapes.len()));
             part.most_hits -= found.len() as u64;
-            looked_at += match self.search_casts(&part)? {
-                Some(searched) => self.decide(&part, &searched, &mut more)?,
-                None => self.cast_by_cores(&part, None, &mut more)?,
+            looked_at += loop {
+                match self.cast_part(&part, &mut more) {
+                    // Another GPU has all that this one had.
+                    Err(CullError::DeviceLost { .. }) if self.replicas.leave_first() => {}
+                    answered => break answered?,
+                }
             };
             let needed_bytes = size_of_val(&more[..]) as u64;
             let no_memory = |_| CullError::from(ReserveError::OutOfMemory { needed_bytes });
@@ -120,42 +137,45 @@ impl GpuScene {
         Ok(looked_at)
     }
 
-    /// Has the GPU look. `None` where it finds too many, or has no memory.
-    fn search_casts(&mut self, cast: &Cast<'_>) -> Result<Option<Found>, CullError> {
-        self.casts.edits = 0;
-        loop {
-            match self.search_on_first(cast) {
-                Err(CullError::DeviceLost { .. }) if self.replicas.leave_first() => {}
-                searched => return searched,
-            }
+    /// Has the GPU look, and the cores where it finds too many, has no memory, or rests.
+    fn cast_part(&mut self, cast: &Cast<'_>, found: &mut Vec<Hit>) -> Result<u64, CullError> {
+        if !self.casts.take_turn() {
+            return self.cast_by_cores(cast, None, found);
         }
+        self.casts.edits = 0;
+        if let Some((searched, _deciders)) = self.search_casts(cast)? {
+            return self.decide(cast, &searched, found);
+        }
+        self.casts.rests = RESTS;
+        self.cast_by_cores(cast, None, found)
     }
 
-    fn search_on_first(&mut self, cast: &Cast<'_>) -> Result<Option<Found>, CullError> {
+    /// What the first GPU finds. `None` where that is too much, or it has no memory.
+    fn search_casts(&mut self, cast: &Cast<'_>) -> Result<Option<(Found, Deciders)>, CullError> {
         let (threads, slots) = (self.threads(), self.index_end());
+        let tree = &self.replicas.first().casts;
+        let boxes = if tree.as_ref().is_none_or(DeviceTree::needs_order) {
+            // May leave the first GPU.
+            Some(self.boxes()?)
+        } else {
+            None
+        };
         let replica = self.replicas.first();
         let tools = Arc::clone(&replica.tools);
+        let Some(now) = replica.memory.records_now() else { return Ok(None) };
         // Where it fails, it is dropped.
         let tree = replica.casts.take();
         let mut tree = tree.unwrap_or_else(|| DeviceTree::new(&tools));
-        let boxes = if tree.needs_order() { Some(self.boxes()?) } else { None };
-        let replica = self.replicas.first();
-        let Some(now) = replica.memory.records_now() else { return Ok(None) };
         let ordered = boxes.map(|boxes| tree.put_in_order(&tools, &boxes, threads)).transpose();
+        let deciders = Deciders::call(cast.shapes.len(), cast.hits, threads);
         let searched =
             ordered.and_then(|_| tree.search(&tools, now, slots, cast.shapes, cast.hits, threads));
         match searched {
             Ok(found) => {
                 replica.casts = Some(tree);
-                if found.is_none() {
-                    self.casts.rests = RESTS;
-                }
-                Ok(found)
+                Ok(found.map(|found| (found, deciders)))
             }
-            Err(GpuError::OutOfMemory { .. }) => {
-                self.casts.rests = RESTS;
-                Ok(None)
-            }
+            Err(GpuError::OutOfMemory { .. }) => Ok(None),
             Err(error) => Err(tools.gpu().cull_error(ENGINE, &error)),
         }
     }

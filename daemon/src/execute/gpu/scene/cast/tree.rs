@@ -26,8 +26,8 @@ pub(super) const MOST_CLOSEST: u32 = 32;
 /// Steps that all searches of a submission may take, of a group each: some 100 ms of a large GPU. What is left is the
 /// cores'.
 const ALL_STEPS: u32 = 1 << 26;
-/// Steps that one search may take: some 100 ms, and so few that those of all fit into 32 bits.
-const STEPS: u32 = 1 << 17;
+/// Steps that one search may take: some 50 ms, and so few that those of all that run at once fit into 32 bits.
+const STEPS: u32 = 1 << 16;
 /// Bytes of an item of the tree, of a candidate, and of the head of an answer.
 const ITEM_BYTES: u64 = 32;
 const CANDIDATE_BYTES: u64 = size_of::<Record>() as u64;
@@ -79,7 +79,9 @@ pub(in crate::execute::gpu::scene) struct DeviceTree {
     /// Places whose index the order says; `None` where it is to be found.
     ordered: Option<u32>,
     /// Whether the edges of leaves in this order are noted.
-    is_built: bool,
+    has_edges: bool,
+    /// Whether the edges that leaves had in this order were lost.
+    is_outgrown: bool,
     /// Whether boxes are where they are now.
     is_current: bool,
     /// Candidates in lists that the last search had, with their heads.
@@ -109,7 +111,8 @@ impl DeviceTree {
             questions: Staging::default(),
             frames: FrameCache::new(QueueRole::Frames),
             ordered: None,
-            is_built: false,
+            has_edges: false,
+            is_outgrown: false,
             is_current: false,
             last_listed: 0,
         }
@@ -126,6 +129,11 @@ impl DeviceTree {
     /// Notes that boxes have changed.
     pub const fn note_edit(&mut self) {
         self.is_current = false;
+    }
+
+    /// Drops recordings: the scene's records lie elsewhere.
+    pub fn forget_frames(&mut self) {
+        self.frames.clear();
     }
 
     pub const fn needs_order(&self) -> bool {
@@ -153,7 +161,7 @@ impl DeviceTree {
             self.frames.clear();
         }
         self.ordered = Some(order.len() as u32);
-        (self.is_built, self.is_current) = (false, false);
+        (self.has_edges, self.is_outgrown, self.is_current) = (false, false, false);
         Ok(())
     }
 
@@ -173,7 +181,8 @@ impl DeviceTree {
         let closest = if let Hits::Closest(most) = hits { most } else { 0 };
         let answer_room = closest.min(MOST_IN_ANSWER) + 1;
         let listed = LISTED + u64::from(closest.saturating_sub(MOST_IN_ANSWER));
-        let mut room = (listed * shapes.len() as u64).max(self.last_listed + self.last_listed / 4);
+        let last = (self.last_listed + self.last_listed / 4).min(MOST_LISTED);
+        let mut room = (listed * shapes.len() as u64).max(last);
         let now = Part::of(now, 0, now.bytes().min(tools.binding_bytes));
         let mut replaced = false;
         let (questions, stage) = match shapes {
@@ -198,7 +207,7 @@ impl DeviceTree {
                 &[CastParams {
                     slots,
                     ordered,
-                    is_built: u32::from(!self.is_built),
+                    notes_edges: u32::from(!self.has_edges),
                     queries: shapes.len() as u32,
                     closest,
                     any: u32::from(hits == Hits::Any),
@@ -228,8 +237,9 @@ impl DeviceTree {
             let [[loose, listed, steps]] = summary;
             if shape.follows {
                 self.is_current = true;
-                let was_built = std::mem::replace(&mut self.is_built, true);
-                if was_built && u64::from(loose) * LOOSE_SHARE > levels.leaves() {
+                let had_edges = std::mem::replace(&mut self.has_edges, true);
+                let is_loose = had_edges && u64::from(loose) * LOOSE_SHARE > levels.leaves();
+                if is_loose || self.is_outgrown {
                     // For the next search: this one is right.
                     self.ordered = None;
                 }
@@ -254,8 +264,8 @@ impl DeviceTree {
         Ok(None)
     }
 
-    /// Blocks of which none is smaller than is needed. Where some are others, recordings are dropped, and what boxes were
-    /// when the order was found is noted anew.
+    /// Blocks of which none is smaller than is needed. Where some are others, recordings are dropped; where those of the tree
+    /// are, it is made anew.
     fn parts(
         &mut self,
         tools: &SceneTools,
@@ -264,33 +274,40 @@ impl DeviceTree {
         room: u64,
     ) -> Result<Parts, GpuError> {
         let most = tools.binding_bytes;
-        let mut replaced = false;
-        let mut part = |growing: &mut Growing, bytes: u64| {
+        let part = |growing: &mut Growing, bytes: u64, replaced: &mut bool| {
             if bytes > most {
                 return Err(GpuError::OutOfMemory { bytes });
             }
-            let block = growing.at_least(tools.gpu(), bytes.max(1), u64::MAX, &mut replaced)?;
-            Ok(Part::of(block, 0, block.bytes().min(most)))
+            let Part { block, .. } = growing.part(tools.gpu(), bytes.max(1), replaced)?;
+            Ok(Part::of(&block, 0, block.bytes().min(most)))
         };
-        let s = &mut self.scratch;
+        let (s, mut of_tree, mut others) = (&mut self.scratch, false, false);
+        // The order is kept as it was put there.
+        let order = s.order.at_least(tools.gpu(), 1, u64::MAX, &mut of_tree)?;
+        let order = Part::of(order, 0, order.bytes().min(most));
         let parts = Parts {
-            params: part(&mut s.params, size_of::<CastParams>() as u64)?,
-            order: part(&mut s.order, 0)?,
-            items: part(&mut s.items, ITEM_BYTES * levels.items())?,
-            edges: part(&mut s.edges, size_of::<f32>() as u64 * levels.leaves())?,
-            control: part(&mut s.control, size_of::<Control>() as u64)?,
-            summary: part(&mut s.summary, size_of::<Control>() as u64)?,
-            answers: part(&mut s.answers, answers_bytes)?,
-            lists: part(&mut s.lists, CANDIDATE_BYTES * room)?,
+            order,
+            items: part(&mut s.items, ITEM_BYTES * levels.items(), &mut of_tree)?,
+            edges: part(&mut s.edges, size_of::<f32>() as u64 * levels.leaves(), &mut of_tree)?,
+            params: part(&mut s.params, size_of::<CastParams>() as u64, &mut others)?,
+            control: part(&mut s.control, size_of::<Control>() as u64, &mut others)?,
+            summary: part(&mut s.summary, size_of::<Control>() as u64, &mut others)?,
+            answers: part(&mut s.answers, answers_bytes, &mut others)?,
+            lists: part(&mut s.lists, CANDIDATE_BYTES * room, &mut others)?,
         };
-        if replaced {
-            if let Some(word) = tools.poison {
-                let named = parts.named();
-                let all = named.iter().filter(|(name, _)| !["params", "order"].contains(name));
-                Frame::fill(tools.gpu(), all.map(|(_, part)| &part.block), word)?;
-            }
+        if let (true, Some(word)) = (of_tree || others, tools.poison) {
+            let named = parts.named();
+            let all = named.iter().filter(|(name, _)| !["params", "order"].contains(name));
+            Frame::fill(tools.gpu(), all.map(|(_, part)| &part.block), word)?;
+            of_tree = true;
+        }
+        if of_tree || others {
             self.frames.clear();
-            (self.is_built, self.is_current) = (false, false);
+        }
+        if of_tree {
+            // Edges of now say nothing of those that leaves had when they were put in order.
+            self.is_outgrown |= self.has_edges;
+            (self.has_edges, self.is_current) = (false, false);
         }
         Ok(parts)
     }
