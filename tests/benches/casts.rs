@@ -45,6 +45,9 @@ struct Options {
     rounds: usize,
     #[arg(long, default_value_t = 2)]
     threads: usize,
+    /// Percent of the boxes that a session sets before each batch, to where they are: the scene looks for them anew
+    #[arg(long, default_value_t = 0)]
+    set: usize,
     /// A GPU whose video memory keeps the scene of one more contender
     #[arg(long, default_value_t = GpuChoice::None)]
     gpu: GpuChoice,
@@ -55,8 +58,16 @@ struct Options {
     bench: bool,
 }
 
-/// Answers a batch: how many hits there are.
-type Run<'a> = Box<dyn FnMut() -> Result<usize, Box<dyn Error>> + 'a>;
+/// Answers a batch: how many ms that took, and how many hits there are.
+type Run<'a> = Box<dyn FnMut() -> Result<(f64, usize), Box<dyn Error>> + 'a>;
+
+fn timed(
+    run: impl FnOnce() -> Result<usize, Box<dyn Error>>,
+) -> Result<(f64, usize), Box<dyn Error>> {
+    let begin = Instant::now();
+    let hits = run()?;
+    Ok((millis(begin), hits))
+}
 
 fn millis(since: Instant) -> f64 {
     since.elapsed().as_secs_f64() * 1e3
@@ -81,10 +92,10 @@ fn take_turns(
     for round in 0..WARM_UP + options.rounds {
         for turn in 0..runs.len() {
             let who = (round + turn) % runs.len();
-            let begin = Instant::now();
-            counts[who] = runs[who]()?;
+            let (ms, hits) = runs[who]()?;
+            counts[who] = hits;
             if round >= WARM_UP {
-                times[who].push(millis(begin));
+                times[who].push(ms);
             }
         }
     }
@@ -148,6 +159,20 @@ fn scene_of(
     Ok(scene)
 }
 
+/// Sets some boxes to where they are.
+fn set_some(
+    scene: &mut pairmask::Scene,
+    boxes: &[Aabb],
+    options: &Options,
+) -> Result<(), Box<dyn Error>> {
+    let count = boxes.len() * options.set / 100;
+    if count > 0 {
+        let edit = scene.edit().set_all(0..count as u32, &boxes[..count]);
+        drop(edit.commit(Report::Nothing)?);
+    }
+    Ok(())
+}
+
 fn compare(
     daemon: &PrivateDaemon,
     pool: &ThreadPool,
@@ -192,17 +217,20 @@ fn compare(
     };
     let batch = |hit: &(dyn Fn(&Ray) -> usize + Sync)| {
         let of_chunk = |rays: &[Ray]| rays.iter().map(hit).sum::<usize>();
-        Ok(pool.install(|| rays.par_chunks(CHUNK).map(of_chunk).sum()))
+        timed(|| Ok(pool.install(|| rays.par_chunks(CHUNK).map(of_chunk).sum())))
+    };
+    let cast = |scene: &mut pairmask::Scene| {
+        set_some(scene, &boxes, options)?;
+        timed(|| Ok(looked_at(&scene.cast(&rays, Hits::Closest(1))?)))
     };
     let title = [("what", "rays".to_owned()), ("scene", name.to_string())];
     let mut contenders: Vec<(&str, Run<'_>)> = vec![
-        ("pairmask-in-process", Box::new(|| Ok(looked_at(&here.cast(&rays, Hits::Closest(1))?)))),
-        ("pairmask-daemon", Box::new(|| Ok(looked_at(&there.cast(&rays, Hits::Closest(1))?)))),
+        ("pairmask-in-process", Box::new(|| cast(&mut here))),
+        ("pairmask-daemon", Box::new(|| cast(&mut there))),
         ("parry", Box::new(|| batch(&parry_hit))),
     ];
     if let Some(scene) = &mut in_video {
-        let run = || Ok(looked_at(&scene.cast(&rays, Hits::Closest(1))?));
-        contenders.push(("pairmask-video-memory", Box::new(run)));
+        contenders.push(("pairmask-video-memory", Box::new(|| cast(scene))));
     }
     take_turns(&title, contenders, options)?;
 
@@ -219,18 +247,20 @@ fn compare(
             };
             points.iter().map(near).sum::<usize>()
         };
-        Ok(pool.install(|| points.par_chunks(CHUNK).map(of_chunk).sum()))
+        timed(|| Ok(pool.install(|| points.par_chunks(CHUNK).map(of_chunk).sum())))
     };
     let title = [("what", "nearest".to_owned()), ("scene", name.to_string())];
-    let near = Hits::Closest(NEAREST);
+    let nearest = |scene: &mut pairmask::Scene| {
+        set_some(scene, &boxes, options)?;
+        timed(|| Ok(looked_at(&scene.nearest(&spheres, Hits::Closest(NEAREST))?)))
+    };
     let mut contenders: Vec<(&str, Run<'_>)> = vec![
-        ("pairmask-in-process", Box::new(|| Ok(looked_at(&here.nearest(&spheres, near)?)))),
-        ("pairmask-daemon", Box::new(|| Ok(looked_at(&there.nearest(&spheres, near)?)))),
+        ("pairmask-in-process", Box::new(|| nearest(&mut here))),
+        ("pairmask-daemon", Box::new(|| nearest(&mut there))),
         ("rstar", Box::new(rstar)),
     ];
     if let Some(scene) = &mut in_video {
-        let run = || Ok(looked_at(&scene.nearest(&spheres, near)?));
-        contenders.push(("pairmask-video-memory", Box::new(run)));
+        contenders.push(("pairmask-video-memory", Box::new(|| nearest(scene))));
     }
     take_turns(&title, contenders, options)
 }
