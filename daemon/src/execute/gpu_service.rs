@@ -29,7 +29,7 @@ struct Engines {
     /// What both find imported.
     imports: SharedImports,
     cost: Option<GpuCost>,
-    awake: Option<Awake>,
+    awake: Option<Arc<Awake>>,
     scenes: Arc<SceneTools>,
 }
 
@@ -39,13 +39,15 @@ impl Engines {
         let cache_folder = user_cache_folder();
         let options =
             EngineOptions { cache_folder, imports: imports.clone(), ..Default::default() };
+        let awake = Awake::start(gpu, hold)?.map(Arc::new);
+        let of_scenes = awake.as_ref().map(Arc::downgrade).unwrap_or_default();
         let mut engines = Self {
             all_pairs: AllPairs::new(gpu, options.clone())?,
             grid: Grid::new(gpu, &options)?,
             imports,
             cost: None,
-            awake: Awake::start(gpu, hold)?,
-            scenes: SceneTools::new(gpu, &options)?,
+            awake,
+            scenes: SceneTools::kept_awake(gpu, &options, of_scenes)?,
         };
         engines.cost = measure(&mut engines, &EngineOptions { profiled: true, ..options });
         Ok(engines)
@@ -128,8 +130,8 @@ const UNDER_WAY_SOFTWARE_BOXES: u32 = 32_768;
 
 impl GpuService {
     /// The GPU of a choice, without waiting for the device: another thread opens it and makes its engines, and `watch`
-    /// is shown it and each that takes its place. Its clocks are kept up for `hold` after each frame, where it has a
-    /// queue for that; zero leaves them alone.
+    /// is shown it and each that takes its place. Its clocks are kept up for `hold` after each frame, and submission of a
+    /// scene, where it has a queue for that; zero leaves them alone.
     pub fn opening(
         choice: &GpuChoice,
         hold: Duration,

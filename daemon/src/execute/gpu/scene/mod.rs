@@ -13,7 +13,7 @@ mod roster;
 mod search;
 mod upload;
 
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, Weak};
 
 use pairmask_core::EngineName;
 use pairmask_core::engine::{CullError, ReserveError};
@@ -32,7 +32,7 @@ use self::replica::{Names, Replica, Replicas, sum};
 use self::roster::Roster;
 use self::search::{Asked, Search, Share};
 use self::upload::Gathered;
-use super::{Block, EngineOptions, Frame, Gpu, GpuError, Pipelines, StepTime, wide};
+use super::{Awake, Block, EngineOptions, Frame, Gpu, GpuError, Pipelines, StepTime, wide};
 
 /// What errors name: scenes on the GPU are a grid there.
 const ENGINE: EngineName = EngineName::GpuGrid;
@@ -45,6 +45,8 @@ pub struct SceneTools {
     gpu: Arc<Gpu>,
     /// The compiled stages. Compiles those that few daemons need when they are asked for.
     pipelines: Mutex<Pipelines>,
+    /// What keeps the clocks up between edits, queries and casts, as between frames.
+    awake: Weak<Awake>,
     profiled: bool,
     poison: Option<u32>,
     shares_always: bool,
@@ -53,10 +55,20 @@ pub struct SceneTools {
 
 impl SceneTools {
     pub fn new(gpu: &Arc<Gpu>, options: &EngineOptions) -> Result<Arc<Self>, GpuError> {
+        Self::kept_awake(gpu, options, Weak::new())
+    }
+
+    /// Those of scenes whose submissions keep the clocks up.
+    pub fn kept_awake(
+        gpu: &Arc<Gpu>,
+        options: &EngineOptions,
+        awake: Weak<Awake>,
+    ) -> Result<Arc<Self>, GpuError> {
         let pipelines = options.pipelines(gpu, search::stages())?;
         Ok(Arc::new(Self {
             gpu: Arc::clone(gpu),
             pipelines: Mutex::new(pipelines),
+            awake,
             profiled: options.profiled,
             poison: options.poison,
             shares_always: options.shares_always,
@@ -66,6 +78,13 @@ impl SceneTools {
 
     pub fn gpu(&self) -> &Arc<Gpu> {
         &self.gpu
+    }
+
+    /// Notes a submission.
+    fn note_frame(&self) {
+        if let Some(awake) = self.awake.upgrade() {
+            awake.note_frame();
+        }
     }
 }
 

@@ -289,6 +289,7 @@ impl Task<'_> {
         }
         let shape = self.shape(tools);
         let steps = || self.steps(tools, &shape);
+        tools.note_frame();
         frames.frame(&tools.gpu, shape, tools.profiled, steps)?.submit_in(Order::default())
     }
 }

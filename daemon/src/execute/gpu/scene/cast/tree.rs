@@ -230,6 +230,7 @@ impl DeviceTree {
             };
             let steps = || steps(tools, &shape, &parts, &now, &questions);
             let frame = self.frames.frame(gpu, shape, tools.profiled, steps)?;
+            tools.note_frame();
             frame.submit_in(Order::default())?;
             frame.end(TIMEOUT[usize::from(gpu.is_software())])?;
             let mut summary: [Control; 1] = [[0; 3]];
