@@ -1,14 +1,16 @@
 //! Scenes in video memory, held to the model, and to scenes of the core where those are large or hard.
 
 use std::sync::Arc;
+use std::time::Duration;
 
-use pairmask_core::scene::{EditError, Indices};
-use pairmask_tests::gpu::{scene_tools, shared_tools};
+use pairmask::cast::{Hits, Ray, Shapes};
+use pairmask_core::scene::{Cast, EditError, Indices};
+use pairmask_tests::gpu::{self, scene_tools, shared_tools};
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{
     Bare, BesideCore, CoreScene, Kind, Received, Subject, Turn, hold_without_rules, options,
 };
-use pairmaskd::execute::gpu::{Checks, EngineOptions, GpuScene, SceneTools};
+use pairmaskd::execute::gpu::{Awake, Checks, EngineOptions, GpuScene, HostImport, SceneTools};
 
 fn tools() -> Arc<SceneTools> {
     scene_tools(0, &EngineOptions::default())
@@ -271,4 +273,42 @@ fn wrong_edits_are_refused_as_by_the_core_and_change_nothing() {
     assert_eq!(both.gpu.reported().pairs(), [[0, 1], [1, 2]]);
     let twice = both.gpu.edit(Edit { steps: cases[5] }, Report::All).map(drop);
     assert_eq!(twice, Err(SceneError::Edit(EditError::SetTwice { index: 1 })));
+}
+
+/// What a scene has the GPU do keeps its clocks up: an edit, a query, and casts.
+#[test]
+fn a_device_is_kept_awake_while_scenes_are_asked() {
+    let gpu = gpu::open(HostImport::IfPossible);
+    let hold = Duration::from_millis(20);
+    let awake = Arc::new(Awake::launch(&gpu, hold).expect("a frame"));
+    let options = EngineOptions::default();
+    let tools = SceneTools::kept_awake(&gpu, &options, Arc::downgrade(&awake)).expect("stages");
+    let boxes = stress_scenes::named("uniform").boxes(200, 6);
+    let rays = vec![Ray::new([0.0; 3], [1.0, 0.5, 0.2]); 600];
+    let cast = Cast {
+        shapes: Shapes::Rays(&rays),
+        hits: Hits::Closest(1),
+        filter_data: QueryFilterData::None,
+        most_hits: 1 << 20,
+    };
+    let mut scene = GpuScene::new(&tools, SceneOptions::default());
+    let mut wakes = |what: &str, ask: &mut dyn FnMut(&mut GpuScene)| {
+        let before = eventually("it ends with what was asked", || {
+            let before = awake.dispatches();
+            std::thread::sleep(Duration::from_millis(300));
+            (awake.dispatches() == before).then_some(before)
+        });
+        ask(&mut scene);
+        until(what, || awake.dispatches() > before);
+    };
+    wakes("an edit wakes it", &mut |scene| {
+        let steps = sets_all(&boxes);
+        scene.edit(Edit { steps: &steps }, Report::Changes).map(drop).expect("an answer");
+    });
+    wakes("a query wakes it", &mut |scene| {
+        scene.query(&boxes, QueryFilterData::None, &mut Vec::new()).map(drop).expect("an answer");
+    });
+    wakes("a cast wakes it", &mut |scene| {
+        scene.cast(&cast, &mut Vec::new()).map(drop).expect("an answer");
+    });
 }
