@@ -7,7 +7,8 @@
 
 use std::error::Error;
 use std::hint::black_box;
-use std::time::Instant;
+use std::thread;
+use std::time::{Duration, Instant};
 
 use clap::Parser;
 use pairmask::cast::{Hits, Ray};
@@ -31,6 +32,9 @@ const WARM_UP: usize = 2;
 /// Rays that a thread of another library has at a time.
 const CHUNK: usize = 64;
 const NEAREST: u32 = 8;
+/// Between two turns: the threads of a pool that was at work look for more of it for a while, on all cores. A daemon's
+/// threads that share those with them took up to a ms longer.
+const PAUSE: Duration = Duration::from_millis(3);
 
 /// Casts into a scene beside other libraries.
 #[derive(Parser)]
@@ -92,6 +96,7 @@ fn take_turns(
     for round in 0..WARM_UP + options.rounds {
         for turn in 0..runs.len() {
             let who = (round + turn) % runs.len();
+            thread::sleep(PAUSE);
             let (ms, hits) = runs[who]()?;
             counts[who] = hits;
             if round >= WARM_UP {
