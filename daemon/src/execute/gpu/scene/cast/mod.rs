@@ -33,7 +33,7 @@ const FEWEST: usize = 512;
 const TOGETHER: usize = 1 << 18;
 /// Edits without a cast after which the tree in video memory is dropped: some seconds of a game.
 const UNUSED_EDITS: u32 = 256;
-/// Casts that are the cores' after one of which the GPU left them much.
+/// So many casts are the cores' after one of which the GPU left them much.
 const RESTS: u32 = 32;
 /// What is much: one ray or sphere in so many.
 const LEFT_SHARE: usize = 8;
