@@ -30,6 +30,7 @@ const SETS: usize = 8;
 struct Options {
     #[arg(long, value_delimiter = ',', default_value = "in-process,daemon")]
     backend: Vec<Backend>,
+    /// A GPU of the daemon, whose video memory keeps the scenes that are asked
     #[arg(long, default_value_t = GpuChoice::None)]
     gpu: GpuChoice,
     #[arg(long, default_value_t = 1_000_000)]
@@ -54,6 +55,21 @@ fn session(daemon: &PrivateDaemon, backend: Backend, n: usize) -> Result<Session
     Ok(daemon.session().backend(backend).capacity(capacity).answer_repeats(false).connect()?)
 }
 
+/// A session whose scenes are where they are to be measured: those of a daemon in video memory, if it has a GPU. By
+/// themselves they move there when they have been asked more.
+fn session_of_scenes(
+    daemon: &PrivateDaemon,
+    backend: Backend,
+    options: &Options,
+) -> Result<Session, Box<dyn Error>> {
+    let is_in_video = backend == Backend::Daemon && options.gpu != GpuChoice::None;
+    if !is_in_video {
+        return session(daemon, backend, options.n);
+    }
+    let engine = EngineChoice::Only(EngineName::GpuGrid);
+    Ok(daemon.session().backend(backend).engine(engine).answer_repeats(false).connect()?)
+}
+
 fn ask(
     daemon: &PrivateDaemon,
     backend: Backend,
@@ -69,7 +85,7 @@ fn ask(
         .map(|set| others.iter().copied().skip(set % step).step_by(step).take(options.queries))
         .map(Iterator::collect)
         .collect();
-    let mut session = session(daemon, backend, n)?;
+    let mut session = session_of_scenes(daemon, backend, options)?;
     let mut scene = session.scene(pairmask::SceneOptions::default())?;
     let edit = scene.edit().set_all(0..u32::try_from(n)?, &boxes);
     drop(edit.commit(Report::Nothing)?);

@@ -27,12 +27,11 @@ const UNCHANGED_SHARE: f64 = 0.125;
 /// What a changed box or a query costs, in boxes of a frame's grid: it is written, and searched for (an H200: 3 to
 /// 7 ns).
 const CHANGED_SHARE: f64 = 8.0;
-/// What casts take in video memory, ns, and each ray or sphere (an H200: 8 to 20 ns to look for one, 10 to 50 to decide
-/// it).
-const CAST_NS: f64 = 100_000.0;
-const CAST_NS_A_SHAPE: f64 = 50.0;
-/// What a ray or a sphere takes the cores, at most.
-const MOST_CORE_CAST_NS: f64 = 2_000.0;
+/// A ray or a sphere costs as much as so many queries (an H200: 8 to 20 ns to look for one, and 10 to 50 to decide it).
+const CAST_QUERIES: usize = 8;
+/// What a ray or a sphere takes the cores at most, ns. More than that was the building of a tree, which the GPU needs as
+/// well.
+const MOST_CAST_NS: f64 = 2_000.0;
 /// Time to move a scene, ns a box: collected here, copied, and written there.
 const MOVE_NS_A_BOX: f64 = 100.0;
 /// Time to move any scene, ns: memory is taken.
@@ -168,28 +167,17 @@ impl SceneHost {
         on_side!(&mut self.side, scene => scene.limit_query_pairs(most));
     }
 
-    /// Notes an edit that the cores have made, or a query, of so many boxes.
-    fn note_cores(&mut self, searched: usize, took_ns: f64) {
+    /// Notes an edit, a query or a cast that the cores have answered: of so many boxes that a GPU would have looked at, and
+    /// so many that it would have searched around.
+    fn note_cores(&mut self, boxes: usize, searched: usize, took_ns: f64) {
         if self.engine != EngineChoice::Auto {
             return;
         }
-        let there = self.gpus.cost().and_then(|cost| gpu_ns(&cost, self.len(), searched));
+        let there = self.gpus.cost().and_then(|cost| gpu_ns(&cost, boxes, searched));
         if let Some(there_ns) = there {
-            self.note_saved(took_ns - there_ns);
+            let saved = self.would_have_saved_ns + took_ns - there_ns;
+            self.would_have_saved_ns = saved.max(0.0);
         }
-    }
-
-    /// Notes a cast that the cores have answered, and for which the GPU would have looked.
-    fn note_cores_cast(&mut self, shapes: usize, took_ns: f64) {
-        if self.engine == EngineChoice::Auto && self.gpus.cost().is_some() {
-            // More than that was the building of a tree, which the GPU needs as well.
-            let took_ns = took_ns.min(MOST_CORE_CAST_NS * shapes as f64);
-            self.note_saved(took_ns - CAST_NS - CAST_NS_A_SHAPE * shapes as f64);
-        }
-    }
-
-    const fn note_saved(&mut self, saved_ns: f64) {
-        self.would_have_saved_ns = (self.would_have_saved_ns + saved_ns).max(0.0);
     }
 
     /// Moves the scene to the GPU where that is due, and the last answer was taken.
@@ -229,7 +217,8 @@ impl SceneHost {
             Side::Cores(scene) => {
                 let start = Instant::now();
                 scene.edit(edit, report)?;
-                self.note_cores(edit.boxes(), nanoseconds_since(start) as f64);
+                let took_ns = nanoseconds_since(start) as f64;
+                self.note_cores(self.len(), edit.boxes(), took_ns);
             }
             Side::Gpu(scene) => {
                 if scene.is_new() {
@@ -271,7 +260,8 @@ impl SceneHost {
             Side::Cores(scene) => {
                 let start = Instant::now();
                 let tested = scene.query(queries, filter_data, found)?;
-                self.note_cores(queries.len(), nanoseconds_since(start) as f64);
+                let took_ns = nanoseconds_since(start) as f64;
+                self.note_cores(self.len(), queries.len(), took_ns);
                 Ok(tested)
             }
             Side::Gpu(scene) => {
@@ -295,8 +285,10 @@ impl SceneHost {
             Side::Cores(scene) => {
                 let start = Instant::now();
                 scene.cast(cast, found)?;
+                let (shapes, took_ns) = (cast.shapes.len(), nanoseconds_since(start) as f64);
                 if is_for_gpu(cast) {
-                    self.note_cores_cast(cast.shapes.len(), nanoseconds_since(start) as f64);
+                    let took_ns = took_ns.min(MOST_CAST_NS * shapes as f64);
+                    self.note_cores(0, CAST_QUERIES * shapes, took_ns);
                 }
                 Ok(EngineName::CpuTree)
             }
