@@ -185,7 +185,7 @@ fn what_is_as_near_comes_by_index() {
         for hits in [Hits::Closest(1), Hits::Closest(9), Hits::Closest(32), Hits::Any, Hits::All] {
             let mut both = Both::new(&tools, &vec![one; n]);
             both.ask(&rays, &spheres, hits, &format!("{n} times the same"));
-            // What contains the origin is told apart by its index.
+            // What contains the origin is ordered by its index.
             let mut both = Both::new(&tools, &vec![one; n]);
             both.ask(&within, &[], hits, &format!("{n} around the origin"));
             assert_eq!(both.left, 0, "{n} {hits:?}");

@@ -32,9 +32,11 @@
 //! probe     what a ray and a sphere have in common
 //! ray, near the two of them
 //! tree      boxes in groups, kept right as they move
-//! search    the hits of one question, and of many
+//! search    the hits of one question
+//! batch     those of many
 //! ```
 
+mod batch;
 mod exact;
 mod near;
 mod node;
@@ -43,7 +45,7 @@ mod ray;
 mod search;
 mod tree;
 
-pub use self::search::{Among, CandidatesOf, Deciders, Limits, Shapes};
+pub use self::batch::{Among, CandidatesOf, Deciders, Limits, Shapes};
 pub use self::tree::{BoxTree, near_order};
 
 use bytemuck::{Pod, Zeroable};
