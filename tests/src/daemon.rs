@@ -1,5 +1,7 @@
 //! A private daemon of a test: it has its own directory, and stops when dropped.
 
+use std::collections::BTreeMap;
+use std::fs::DirEntry;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -268,10 +270,22 @@ impl TestDaemon {
     }
 
     pub fn shared_bytes(&self) -> u64 {
-        use std::os::unix::fs::MetadataExt;
         // Of 512 bytes, regardless of the file system's blocks.
-        let bytes = |file: PathBuf| file.metadata().map_or(0, |data| data.blocks() * 512);
-        self.shared_files().into_iter().map(bytes).sum()
+        self.segments().values().map(|blocks| blocks * 512).sum()
+    }
+
+    /// The segments that the worker has, its clients' too: their inodes and blocks. They have no names.
+    pub fn segments(&self) -> BTreeMap<u64, u64> {
+        use std::os::unix::fs::MetadataExt;
+        let prefix = format!("/dev/shm/{}", self.dir().shm_prefix(&InstanceName::default()));
+        let files = format!("/proc/{}/fd", self.worker().as_raw_nonzero());
+        let is_segment = |file: &DirEntry| {
+            let target = std::fs::read_link(file.path());
+            target.is_ok_and(|to| to.to_string_lossy().starts_with(&prefix))
+        };
+        let files = std::fs::read_dir(files).expect("a worker").flatten().filter(is_segment);
+        let segments = files.filter_map(|file| std::fs::metadata(file.path()).ok());
+        segments.map(|data| (data.ino(), data.blocks())).collect()
     }
 
     pub fn shared_files(&self) -> Vec<PathBuf> {
@@ -294,7 +308,5 @@ impl Drop for TestDaemon {
         for file in self.shared_files() {
             let _ = std::fs::remove_file(file);
         }
-        let root = self.dir().transport_root(&InstanceName::default());
-        let _ = std::fs::remove_dir_all(root);
     }
 }

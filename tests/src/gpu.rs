@@ -71,7 +71,7 @@ pub fn executor(gpus: usize) -> Executor {
     let executor = Executor::new((0..gpus).map(open));
     for gpu in executor.gpus().iter() {
         while !gpu.is_there() {
-            gpu.tidy();
+            gpu.tidy(&[]);
             std::thread::sleep(Duration::from_millis(1));
         }
     }
@@ -84,7 +84,7 @@ pub type LeftToGpu = CullUnderWay<TestFrame<HeapReply>>;
 /// Leaves a frame to the grid of a GPU: at which place, and with a token that shows whether its memory exists.
 pub fn begin(
     executor: &mut Executor,
-    client: u128,
+    client: u64,
     boxes: &[Aabb],
     precision: &Precision,
 ) -> (LeftToGpu, usize, Arc<()>) {

@@ -50,7 +50,7 @@ macro_rules! never {
 }
 
 never! {
-    OwnRequest {
+    Chunk {
         fn pages(&Self) -> &[Page];
         fn pages_mut(&mut Self) -> &mut [Page];
     }
@@ -68,7 +68,7 @@ never! {
         fn link(&Self) -> &Arc<Link>;
     }
     Unsent {
-        fn pages(&Self) -> Option<&[Page]>;
+        fn pages(&Self) -> &[Page];
     }
     Exchange {
         fn link(&Self) -> &Arc<Link>;
@@ -103,7 +103,7 @@ pub(super) struct Answer {
 
 /// Shared memory for a request.
 pub(super) struct SharedFrame {
-    pub loan: OwnRequest,
+    pub loan: Chunk,
     pub slot: Slot,
 }
 
@@ -112,7 +112,7 @@ impl SharedFrame {
         match slot.0 {}
     }
 
-    pub(super) fn enlarged(self, _: u64, _: u64) -> Result<Self, (LinkError, Option<Self>)> {
+    pub(super) fn enlarged(self, _: u64, _: u64) -> Result<Self, (LinkError, Self)> {
         match self.slot.0 {}
     }
 }

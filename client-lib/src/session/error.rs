@@ -81,11 +81,11 @@ pub enum ConnectError {
     /// A limit of this process: open files or address space.
     #[error(transparent)]
     Limit(#[from] LimitError),
-    /// Somebody has removed the files of a daemon that serves.
+    /// The daemon has no shared memory for a client, or can open no more files.
     #[error(
-        "the daemon of instance '{instance}' serves, but its files in /dev/shm were removed: it starts anew within a second, try again then"
+        "the daemon of instance '{instance}' has no room for a client: free space in /dev/shm, raise its limit of open files (RLIMIT_NOFILE, `ulimit -n`), or wait until others have disconnected"
     )]
-    FilesGone {
+    DaemonFull {
         /// The instance.
         instance: InstanceName,
     },
@@ -231,11 +231,6 @@ pub enum Error {
     /// The daemon died.
     #[error("the daemon died before it answered: ask again, or start it with `pairmaskd serve`")]
     DaemonDied,
-    /// The daemon has no file left to connect to a new client.
-    #[error(
-        "the daemon can open no more files and takes no new clients: raise its limit (RLIMIT_NOFILE, `ulimit -n`), or wait until others have disconnected"
-    )]
-    DaemonFull,
     /// The daemon answered with an error, or with a response that is malformed.
     #[error(transparent)]
     Reply(#[from] ReplyError),
@@ -262,7 +257,6 @@ impl Error {
             Self::Timeout { .. }
                 | Self::AlreadyReceived
                 | Self::DaemonDied
-                | Self::DaemonFull
                 | Self::Reply(_)
                 | Self::Transport(_)
                 | Self::Cull(_)
@@ -298,7 +292,7 @@ impl Loss {
     pub(super) const fn of(error: &Error) -> Option<Self> {
         match error {
             Error::DaemonDied | Error::Transport(_) => Some(Self::Died),
-            Error::Timeout { .. } | Error::DaemonFull => Some(Self::Silent),
+            Error::Timeout { .. } => Some(Self::Silent),
             _ => None,
         }
     }

@@ -36,7 +36,9 @@ pub(super) fn open(settings: &Settings) -> Result<Link, ConnectError> {
         ConnectFailure::Open(OpenError::OutOfMemory) => ConnectError::OutOfMemory,
         ConnectFailure::Open(OpenError::Limit(limit)) => limit.into(),
         ConnectFailure::Open(OpenError::Transport(error)) => error.into(),
-        ConnectFailure::Open(_) => ConnectError::FilesGone { instance },
+        ConnectFailure::Open(OpenError::DaemonFull) => ConnectError::DaemonFull { instance },
+        ConnectFailure::Open(OpenError::Silent) => ConnectError::Silent { instance },
+        ConnectFailure::Open(_) => no_daemon(settings),
     })
 }
 
@@ -55,7 +57,6 @@ impl From<LinkError> for Error {
             LinkError::NotSent(error) => Self::NotSent(error),
             LinkError::Transport(error) => error.into(),
             LinkError::Died => Self::DaemonDied,
-            LinkError::Full => Self::DaemonFull,
             LinkError::Timeout { waited } => Self::Timeout { waited },
             LinkError::Reply(error) => error.into(),
         }
@@ -71,7 +72,7 @@ impl From<Unsent> for Error {
 /// How the daemon was lost that a request could not be sent to.
 pub(super) const fn loss_of(unsent: &Unsent) -> Loss {
     match unsent.error() {
-        LinkError::Timeout { .. } | LinkError::Full => Loss::Silent,
+        LinkError::Timeout { .. } => Loss::Silent,
         _ => Loss::Died,
     }
 }

@@ -64,7 +64,7 @@ enum SentRules {
 }
 
 /// A frame that has no room for more, and why.
-type Ungrown = (Error, Option<SharedFrame>);
+type Ungrown = (Error, SharedFrame);
 
 /// Readies a frame with rules: those that the daemon does not keep are written behind its objects.
 #[allow(clippy::result_large_err)] // The error holds the frame, which its caller goes on with.
@@ -102,7 +102,7 @@ fn write_rules(
     let used = written.scene(n).payload_bytes();
     let layout = match RulesLayout::of(rules, n, used) {
         Ok(layout) => layout,
-        Err(error) => return Err((error.into(), Some(shared))),
+        Err(error) => return Err((error.into(), shared)),
     };
     core.note_rules(&layout);
     let mut shared = shared
@@ -111,7 +111,7 @@ fn write_rules(
     if layout.write(rules, shared.loan.pages_mut()) {
         Ok((shared, layout.sections()))
     } else {
-        Err((Error::NoMemory { n: n.get() }, Some(shared)))
+        Err((Error::NoMemory { n: n.get() }, shared))
     }
 }
 
@@ -132,7 +132,7 @@ impl Submitted {
         };
         let (shared, sent_rules) = match ready {
             Ok(ready) => ready,
-            Err((error, Some(shared))) if core.may_cull_here() => {
+            Err((error, shared)) if core.may_cull_here() => {
                 core.say_in_process(&error);
                 let mask = cull_shared(&core, shared.loan.pages(), n, written, rules)?;
                 return Ok(Self::Ready(mask));
@@ -167,12 +167,8 @@ impl Submitted {
             Err(unsent) => unsent,
         };
         let lost = core.lose(&link, loss_of(&unsent));
-        let Some(pages) = unsent.pages() else {
-            // The failed call dropped the memory: an error even for `Backend::Auto`.
-            return Err(unsent.into());
-        };
         lost?;
-        let mask = cull_shared(&core, pages, n, written, rules)?;
+        let mask = cull_shared(&core, unsent.pages(), n, written, rules)?;
         Ok(Self::Ready(mask))
     }
 }

@@ -4,12 +4,10 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask_core::pacing::Expected;
-use pairmask_wire::{Page, ReplyError, RequestHeader, ResponseHeader};
+use pairmask_wire::{Page, RequestHeader, ResponseHeader};
 
-use crate::link::{Link, LinkError, SharedFrame, Slot, Unsent};
-use crate::message::CheckedResponse;
-use crate::own_request::SentRequest;
-use crate::services::ResponseSample;
+use crate::link::{Link, LinkError, SharedFrame, Slot};
+use crate::sent::{CheckedResponse, SentRequest, Unsent};
 use crate::vigil::Vigil;
 
 /// A request that was sent. Dropping it discards the answer.
@@ -18,8 +16,8 @@ pub struct Exchange {
     slot: Slot,
     at: Instant,
     vigil: Vigil,
-    /// The answer, as it came after this time, or why there will be none.
-    came: Option<Result<(ResponseSample, Duration), LinkError>>,
+    /// After what time the answer came, or why there will be none.
+    came: Option<Result<Duration, LinkError>>,
 }
 
 /// The answer to a request. Its memory is held until it is dropped.
@@ -32,8 +30,7 @@ pub struct Answer {
     pub round_trip: Duration,
 }
 
-/// The memory of an answer. It keeps its request's channel: the transport would give a free channel to the next
-/// request, whose response could then not be borrowed beside this one.
+/// The memory of an answer: the daemon's until its request is dropped.
 pub struct AnswerMemory {
     response: CheckedResponse,
     _pending: SentRequest,
@@ -78,11 +75,11 @@ impl Exchange {
     pub fn has_come(&mut self, expected: Expected, spin: Duration, until: Instant) -> bool {
         if self.came.is_none() {
             let Self { pending, slot, at, vigil, .. } = self;
-            let received = slot.link().receive(pending, *at, expected, spin, until, vigil);
-            let came = |received: Result<ResponseSample, LinkError>| {
-                received.map(|sample| (sample, at.elapsed()))
+            self.came = match slot.link().receive(pending, *at, expected, spin, until, vigil) {
+                Ok(true) => Some(Ok(at.elapsed())),
+                Ok(false) => None,
+                Err(error) => Some(Err(error)),
             };
-            self.came = received.transpose().map(came);
         }
         self.came.is_some()
     }
@@ -103,9 +100,8 @@ impl Exchange {
     /// [`LinkError`]; a [`Timeout`](LinkError::Timeout) where nothing has come.
     pub fn take(&mut self) -> Result<(ResponseHeader, CheckedResponse, Duration), LinkError> {
         let timeout = || Err(LinkError::Timeout { waited: self.at.elapsed() });
-        let (sample, round_trip) = self.came.take().unwrap_or_else(timeout)?;
-        let checked = self.slot.link().check(sample);
-        let (header, response) = checked.ok_or(ReplyError::Malformed { field: "place" })?;
+        let round_trip = self.came.take().unwrap_or_else(timeout)?;
+        let (header, response) = self.pending.answer()?;
         Ok((header, response, round_trip))
     }
 

@@ -10,14 +10,14 @@
 use std::fmt;
 use std::fs::{self, File, OpenOptions};
 use std::io::Write;
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
+use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use pairmask_wire::{InstanceError, InstanceName, Version};
 use rustix::fs::{FlockOperation, flock};
 
 use crate::trust::{
-    Others, check_directory, check_file, io_error, is_own, open_plain, read_own, replace_own,
+    check_directory, check_file, io_error, open_plain, read_own, replace_own,
 };
 
 /// The directory that holds a user's instances.
@@ -29,13 +29,13 @@ pub struct RuntimeDir {
 }
 
 /// Creates a directory, or checks that no other user can change the one that exists.
-fn ensure_own_dir(path: &Path, mode: u32, others: Others) -> Result<(), InstanceError> {
+fn ensure_own_dir(path: &Path, mode: u32) -> Result<(), InstanceError> {
     match fs::DirBuilder::new().recursive(true).mode(mode).create(path) {
         // Something exists at the path: the check below names what is wrong with it.
         Err(error) if error.kind() != std::io::ErrorKind::AlreadyExists => {
             Err(io_error(path)(error))
         }
-        Ok(()) | Err(_) => check_directory(path, others),
+        Ok(()) | Err(_) => check_directory(path),
     }
 }
 
@@ -51,14 +51,6 @@ pub(super) fn shared_files(prefix: &str) -> impl Iterator<Item = fs::DirEntry> {
         file.file_name().as_encoded_bytes().starts_with(prefix.as_bytes())
     };
     fs::read_dir(SHM_DIR).into_iter().flatten().flatten().filter(is_so)
-}
-
-/// As [`shared_files`], those with the messages of a port.
-pub(super) fn segment_files(prefix: &str, port: u128) -> impl Iterator<Item = fs::DirEntry> {
-    let ending = format!("_{port}.data");
-    let is_so =
-        move |file: &fs::DirEntry| file.file_name().as_encoded_bytes().ends_with(ending.as_bytes());
-    shared_files(prefix).filter(is_so)
 }
 
 impl RuntimeDir {
@@ -100,7 +92,7 @@ impl RuntimeDir {
     /// # Errors
     /// [`InstanceError`].
     pub fn ensure(&self) -> Result<(), InstanceError> {
-        ensure_own_dir(&self.path, 0o755, Others::MayRead)
+        ensure_own_dir(&self.path, 0o755)
     }
 
     /// Checks the directory for a client, which creates nothing.
@@ -108,7 +100,7 @@ impl RuntimeDir {
     /// # Errors
     /// [`InstanceError`], [`InstanceError::Io`] where there is none.
     pub fn check(&self) -> Result<(), InstanceError> {
-        check_directory(&self.path, Others::MayRead)
+        check_directory(&self.path)
     }
 
     /// Instances that have a record, of a living process or not, by name.
@@ -131,12 +123,6 @@ impl RuntimeDir {
         self.path.join(format!("{name}{suffix}"))
     }
 
-    /// Directory for the transport's own files of this instance. It lies in /tmp regardless of the
-    /// runtime directory is: it holds sockets, whose paths have 107 bytes at most.
-    pub fn transport_root(&self, name: &InstanceName) -> PathBuf {
-        format!("/tmp/pairmask-{:012x}", self.hash(name)).into()
-    }
-
     /// Prefix of the instance's files in /dev/shm, which all users and directories share.
     pub fn shm_prefix(&self, name: &InstanceName) -> String {
         format!("pairmask_{:012x}_", self.hash(name))
@@ -153,42 +139,8 @@ impl RuntimeDir {
         (hash ^ hash >> 48) & 0xffff_ffff_ffff
     }
 
-    /// Creates the transport's directory. Refuses one that others own or may use: its name can be
-    /// guessed, and its owner could replace the sockets in it.
-    ///
-    /// # Errors
-    /// [`InstanceError`].
-    pub fn ensure_transport_root(&self, name: &InstanceName) -> Result<(), InstanceError> {
-        ensure_own_dir(&self.transport_root(name), 0o700, Others::MayNothing)
-    }
-
-    /// Checks that the transport's directory and its files in shared memory are the user's own.
-    ///
-    /// # Errors
-    /// [`InstanceError`], [`InstanceError::Io`] where no daemon serves.
-    pub fn check_transport(&self, name: &InstanceName) -> Result<(), InstanceError> {
-        check_directory(&self.transport_root(name), Others::MayNothing)?;
-        self.check_shared_files(name)
-    }
-
-    /// Checks that the transport's files in shared memory are the user's own: their names can be
-    /// guessed, and the owner of a mapped file can truncate it (SIGBUS in this process).
-    ///
-    /// # Errors
-    /// [`InstanceError`].
-    pub fn check_shared_files(&self, name: &InstanceName) -> Result<(), InstanceError> {
-        for file in shared_files(&self.shm_prefix(name)) {
-            // The file was removed meanwhile.
-            let Ok(data) = file.metadata() else { continue };
-            let path = file.path();
-            if !is_own(&data) {
-                return Err(InstanceError::Foreign { path, owner: data.uid() });
-            }
-            if !data.is_file() {
-                return Err(InstanceError::NotPlain { path, expected: "a plain file" });
-            }
-        }
-        Ok(())
+    pub(super) fn socket_file(&self, name: &InstanceName) -> PathBuf {
+        self.file(name, ".socket")
     }
 
     pub(super) fn heartbeat_file(&self, name: &InstanceName) -> PathBuf {
@@ -226,11 +178,16 @@ impl RuntimeDir {
         replace_own(&new, &self.record_file(name), record.to_string().as_bytes())
     }
 
-    /// Removes the record, the heartbeat and the status file of an instance that stops.
+    /// Removes the record, the heartbeat, the status file and the socket of an instance that stops.
     pub fn remove_record(&self, name: &InstanceName) {
         // Files that cannot be removed do no harm: readers find that the lock is free. The record goes
         // first: one without a heartbeat is that of an earlier version.
-        for file in [self.record_file(name), self.heartbeat_file(name), self.status_file(name)] {
+        for file in [
+            self.record_file(name),
+            self.heartbeat_file(name),
+            self.status_file(name),
+            self.socket_file(name),
+        ] {
             let _ = fs::remove_file(file);
         }
     }
@@ -295,7 +252,7 @@ impl InstanceLock {
         let path = dir.file(name, ".lock");
         let mut options = OpenOptions::new();
         let mut file = open_plain(&path, options.create(true).write(true).mode(LOCK_MODE))?;
-        check_file(&path, &file, Others::MayRead)?;
+        check_file(&path, &file)?;
         // A user who may open the file may lock it, and so keep this one from serving.
         file.set_permissions(fs::Permissions::from_mode(LOCK_MODE)).map_err(io_error(&path))?;
         flock(&file, FlockOperation::NonBlockingLockExclusive).map_err(|errno| {

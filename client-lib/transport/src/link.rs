@@ -1,38 +1,32 @@
-//! A client's end of the connection to a daemon: ports, memory of frames, and the wait for answers. One file,
-//! because a frame's memory keeps the link alive, and the link grows and takes that memory back.
+//! A client's end of the connection to a daemon: its memory, its board, and what the daemon has sent.
 
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io::ErrorKind;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::os::fd::{AsFd, OwnedFd};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use iceoryx2::port::listener::Listener;
-use iceoryx2::port::notifier::Notifier;
-use iceoryx2::port::update_connections::UpdateConnections;
-use iceoryx2::service::ipc_threadsafe;
 use pairmask_core::pacing::{Answered, Estimate, Expected};
 use pairmask_core::precision::BoxForm;
-use pairmask_core::spinner::Spinner;
 use pairmask_core::units::BoxCount;
+use pairmask_wire::board::{BOARD_PAGES, PLACES};
 use pairmask_wire::{
-    CachedRules, InstanceError, InstanceName, PAGE_BYTES, Page, ReplyError, RequestHeader,
-    ResponseHeader, Version, page_count,
+    CachedRules, InstanceError, InstanceName, PAGE_BYTES, ReplyError, Version, page_count,
 };
 
+use crate::board::{OwnBoard, TheirBoard};
 use crate::foreign::foreign_owner;
 use crate::instance::RuntimeDir;
 use crate::liveness::DaemonWatch;
-use crate::memory::Populated;
-use crate::message::CheckedResponse;
-use crate::own_request::{OwnRequest, SentRequest};
+use crate::pool::{Chunk, Pool};
 use crate::process_limits::LimitError;
 use crate::room::PopulateError;
-use crate::segment::{Segment, SegmentFiles};
-use crate::services::{
-    Client, ClientPort, FRAMES_AT_A_TIME, OpenError, ResponseSample, Services, TransportError,
-};
-use crate::vigil::{LeftDaemon, Seen, Vigil, WAIT_SLICE, Watched};
+use crate::segment::Segment;
+use crate::limits::{FRAMES_AT_A_TIME, OpenError, TransportError};
+use crate::socket::{self, Bell, Hello, Received, Welcome, connect_to};
+use crate::vigil::{LeftDaemon, Watched};
+use crate::waiting::Waits;
 
 /// Boxes that a frame of the first segment has address space for, where the session names no capacity. Pages
 /// cost when frames use them; larger frames make a larger segment.
@@ -90,9 +84,6 @@ pub enum LinkError {
     /// The daemon died.
     #[error("the daemon died")]
     Died,
-    /// The daemon has no file left to connect to this client.
-    #[error("the daemon can open no more files")]
-    Full,
     /// There was no answer within this time.
     #[error("no answer within {waited:?}")]
     Timeout {
@@ -104,44 +95,67 @@ pub enum LinkError {
     Reply(#[from] ReplyError),
 }
 
-/// A request for which there is no room is sent again this often: a daemon that is not culling receives
-/// within a few µs.
-const ROOM_INTERVAL: Duration = Duration::from_micros(50);
-/// A daemon that makes no room for this long is silent. It culls its largest frames in less, and receives
-/// between two frames.
-const ROOM_WITHIN: Duration = Duration::from_secs(1);
+/// Pieces of memory for requests: of those that are under way, of frames that are being filled, and the board.
+const PIECES: usize = PLACES + FRAMES_AT_A_TIME + 1;
 
-/// A port and the size of the chunks that it lends.
+/// Memory for requests.
 #[derive(Debug)]
-struct SizedPort {
-    port: Arc<ClientPort>,
-    pages: usize,
+struct Memory {
+    pool: Pool,
+    /// Number of its segment on the wire.
+    segment: u64,
+}
+
+/// What the daemon has sent over the socket.
+#[derive(Debug, Default)]
+struct Inbox {
+    /// Its segments.
+    segments: Vec<Option<Arc<Segment>>>,
+    /// Segments of this side that it has mapped.
+    mapped: u64,
+}
+
+/// What this side knows of a place.
+#[derive(Debug, Default)]
+pub(super) enum Place {
+    #[default]
+    Free,
+    Taken,
+    /// Its request was dropped, and the daemon may still read its memory.
+    Left {
+        number: u64,
+        _chunk: Chunk,
+    },
 }
 
 /// A connection to one daemon process.
 pub struct Link {
     token: u64,
-    // Ports before the services that they belong to: fields drop in this order.
-    sized: Mutex<SizedPort>,
-    notifier: Notifier<ipc_threadsafe::Service>,
-    listener: Listener<ipc_threadsafe::Service>,
-    services: Services,
+    memory: Mutex<Memory>,
+    pub(super) own: OwnBoard,
+    pub(super) theirs: TheirBoard,
+    pub(super) socket: OwnedFd,
+    pub(super) bell: Bell,
+    inbox: Mutex<Inbox>,
+    pub(super) places: Mutex<[Place; PLACES]>,
+    /// Number of the next request.
+    pub(super) next: AtomicU64,
+    /// Threads that sleep until an answer comes.
+    pub(super) sleepers: Mutex<u32>,
+    /// With which files of its memory begin, until they have no name.
+    prefix: String,
     daemon: Arc<DaemonWatch>,
     /// Whether the session goes on without a daemon that does not run.
     leaves_silent: bool,
     /// Whether the daemon has answered a request.
-    has_answered: AtomicBool,
-    populated: Mutex<Populated>,
+    pub(super) has_answered: AtomicBool,
     estimate: Mutex<Estimate>,
     /// Cores that this process may use.
-    cores: usize,
+    pub(super) cores: usize,
     frames: AtomicUsize,
     cached_rules: CachedRules,
     /// Whether the client has refused a response.
     has_refused: AtomicBool,
-    files: SegmentFiles,
-    /// The daemon's segment, known from the first response on.
-    segment: Mutex<Option<(u128, Segment)>>,
 }
 
 impl std::fmt::Debug for Link {
@@ -175,17 +189,14 @@ impl Drop for Slot {
     }
 }
 
-/// Shared memory for a request, and the port that it belongs to.
+/// Shared memory for a request.
 pub struct SharedFrame {
     /// Its memory.
-    pub loan: OwnRequest,
-    port: Arc<ClientPort>,
+    pub loan: Chunk,
+    /// Number of the segment that it lies in.
+    pub(super) segment: u64,
     /// The slot that it holds.
     pub slot: Slot,
-}
-
-fn pages_of(bytes: u64) -> usize {
-    page_count(bytes) as usize
 }
 
 impl Link {
@@ -206,7 +217,11 @@ impl Link {
             InstanceError::Foreign { path, owner } if path.starts_with(dir.path()) => {
                 ConnectFailure::OtherUser { uid: owner }
             }
-            InstanceError::Io { source, .. } if source.kind() == ErrorKind::NotFound => no_daemon(),
+            InstanceError::Io { source, .. }
+                if matches!(source.kind(), ErrorKind::NotFound | ErrorKind::ConnectionRefused) =>
+            {
+                no_daemon()
+            }
             error => ConnectFailure::Instance(error),
         };
         dir.check().map_err(not_ours)?;
@@ -222,51 +237,50 @@ impl Link {
             OpenError::Incompatible => mismatch,
             error => ConnectFailure::Open(error),
         };
-        dir.check_transport(instance).map_err(not_ours)?;
-        let token = RandomState::new().build_hasher().finish();
-        let pages = pages_of(BoxForm::F32.bytes(capacity.unwrap_or(RESERVED_BOXES)));
-        let connected = Services::connect(&dir, instance)
-            .and_then(|services| Ok((services.client(token, pages)?, services)));
-        let (Client { port, notifier, listener }, services) = connected.map_err(open)?;
-        // The connection has created files of its own since the first check.
-        dir.check_shared_files(instance).map_err(not_ours)?;
-        if !daemon.is_alive() {
-            // What was connected to may be another worker's by now, which nobody here would watch.
-            return Err(no_daemon());
-        }
+        let socket = connect_to(&dir.socket_file(instance)).map_err(not_ours)?;
+        let pages = page_count(BoxForm::F32.bytes(capacity.unwrap_or(RESERVED_BOXES))) as usize;
+        let prefix = dir.shm_prefix(instance);
+        let waits = Waits { socket: socket.as_fd(), daemon: &daemon, leaves_silent };
+        let let_in = || {
+            let pool = Pool::new(&prefix, pages.max(BOARD_PAGES), PIECES)?;
+            let own = OwnBoard::new(&pool).map_err(|_| OpenError::OutOfMemory)?;
+            let let_in = waits.be_let_in(&pool, own.offset())?;
+            Ok((pool, own, let_in))
+        };
+        let (pool, own, (segment, theirs, bell)) = let_in().map_err(open)?;
         let link = Self {
-            token,
-            sized: Mutex::new(SizedPort { port: Arc::new(port), pages }),
-            notifier,
-            listener,
-            services,
+            token: RandomState::new().build_hasher().finish(),
+            memory: Mutex::new(Memory { pool, segment: 0 }),
+            own,
+            theirs,
+            socket,
+            bell,
+            inbox: Mutex::new(Inbox { segments: vec![Some(segment)], mapped: 1 }),
+            places: Mutex::default(),
+            next: AtomicU64::new(1),
+            sleepers: Mutex::default(),
+            prefix,
             daemon,
             leaves_silent,
             has_answered: AtomicBool::new(false),
-            populated: Mutex::default(),
             estimate: Mutex::default(),
             cores: std::thread::available_parallelism().map_or(1, usize::from),
             frames: AtomicUsize::new(0),
             cached_rules: CachedRules::default(),
             has_refused: AtomicBool::new(false),
-            files: SegmentFiles::new(&dir, instance),
-            segment: Mutex::default(),
         };
         if capacity.is_some() {
-            link.touch_chunks(pages);
+            link.touch_memory(pages);
         }
         Ok(link)
     }
 
-    /// Populates the chunks that frames will use, before the first frame is timed.
-    fn touch_chunks(&self, pages: usize) {
-        let port = &lock(&self.sized).port;
-        let loans: Vec<_> =
-            (0..FRAMES_AT_A_TIME).map_while(|_| OwnRequest::lend(port, pages).ok()).collect();
-        for mut loan in loans {
-            // Missing memory is an error of the frame that needs it, not of the connection.
-            let _ = lock(&self.populated).ensure(loan.pages_mut());
-        }
+    /// Populates the memory that frames will use, before the first frame is timed.
+    fn touch_memory(&self, pages: usize) {
+        let memory = lock(&self.memory);
+        // Missing memory is an error of the frame that needs it, not of the connection.
+        let _touched: Vec<_> =
+            (0..FRAMES_AT_A_TIME).map_while(|_| memory.pool.lend(pages).ok()).collect();
     }
 
     /// What this client calls itself in requests.
@@ -290,12 +304,8 @@ impl Link {
     }
 
     /// The daemon, for who waits for it.
-    fn watched(&self) -> Watched<'_> {
-        Watched {
-            daemon: &self.daemon,
-            has_answered: self.has_answered(),
-            leaves_silent: self.leaves_silent,
-        }
+    pub(super) fn watched(&self) -> Watched<'_> {
+        Watched { daemon: &self.daemon, leaves_silent: self.leaves_silent }
     }
 
     /// The rules that the daemon keeps.
@@ -316,48 +326,88 @@ impl Link {
         SharedFrame::lend(Slot::take(self).ok_or(LinkError::TooManyFrames)?, bytes)
     }
 
-    /// Populated pages of a port.
-    fn lend(&self, port: &ClientPort, pages: usize) -> Result<OwnRequest, LinkError> {
-        let mut loan = OwnRequest::lend(port, pages).map_err(LinkError::NotSent)?;
-        lock(&self.populated).ensure(loan.pages_mut())?;
-        Ok(loan)
-    }
-
-    fn port_for(&self, pages: usize) -> Result<Arc<ClientPort>, LinkError> {
-        let mut sized = lock(&self.sized);
-        if sized.pages < pages {
+    /// Memory of a pool whose pieces are large enough, and the number of its segment.
+    pub(super) fn lend(&self, pages: usize) -> Result<(Chunk, u64), LinkError> {
+        self.take_back();
+        let mut memory = lock(&self.memory);
+        if memory.pool.pages() < pages {
             // Doubling: a scene that grows box by box makes few segments.
             let enlarged = pages.next_power_of_two();
-            let port = self.services.client_port(enlarged).map_err(|e| match e {
+            let pool = Pool::new(&self.prefix, enlarged, PIECES).map_err(|e| match e {
                 OpenError::Transport(e) => LinkError::NotSent(e),
+                OpenError::Limit(limit) => LinkError::Limit(limit),
                 OpenError::OutOfMemory => {
                     PopulateError { bytes: (enlarged * PAGE_BYTES) as u64 }.into()
                 }
-                OpenError::Limit(limit) => LinkError::Limit(limit),
                 other => LinkError::NotSent(TransportError::new("making a larger segment", &other)),
             })?;
-            *sized = SizedPort { port: Arc::new(port), pages: enlarged };
-            // The new port's chunks are new memory, perhaps at addresses that were populated
-            // before.
-            *lock(&self.populated) = Populated::default();
+            self.send_segment(&pool, memory.segment + 1)?;
+            memory.pool.retire();
+            *memory = Memory { pool, segment: memory.segment + 1 };
         }
-        Ok(Arc::clone(&sized.port))
+        Ok((memory.pool.lend(pages)?, memory.segment))
     }
 
-    /// Checks a response against the daemon's segment, and copies its header; `None` where it does not
-    /// lie in there.
-    pub fn check(&self, sample: ResponseSample) -> Option<(ResponseHeader, CheckedResponse)> {
-        let (port, address) = (sample.origin().value(), CheckedResponse::address(&sample));
-        let mut known = lock(&self.segment);
-        let is_there =
-            known.as_ref().is_some_and(|(of, segment)| *of == port && segment.holds(address, 1));
-        if !is_there {
-            *known = self.files.find(port, address).map(|segment| (port, segment));
+    /// Sends a further segment, and waits until the daemon has mapped it.
+    fn send_segment(&self, pool: &Pool, number: u64) -> Result<(), LinkError> {
+        let failed =
+            |what: &dyn std::fmt::Debug| TransportError::new("sending a larger segment", &what);
+        socket::send(self.socket.as_fd(), &Hello::new(0), &[pool.file().as_fd()])
+            .map_err(|e| LinkError::NotSent(failed(&e)))?;
+        let waits = self.waits();
+        waits.until(|| {
+            self.take_messages();
+            (lock(&self.inbox).mapped > number).then_some(())
+        })
+    }
+
+    fn waits(&self) -> Waits<'_> {
+        let (socket, leaves_silent) = (self.socket.as_fd(), self.leaves_silent);
+        Waits { socket, daemon: &self.daemon, leaves_silent }
+    }
+
+    /// Takes what the daemon has sent over the socket.
+    fn take_messages(&self) {
+        let mut inbox = lock(&self.inbox);
+        while let Received::Message(_, files) = socket::receive::<Welcome>(self.socket.as_fd()) {
+            match files.into_iter().next() {
+                // One that cannot be mapped keeps its number.
+                Some(file) => inbox.segments.push(Segment::map(file).map(Arc::new).ok()),
+                None => inbox.mapped += 1,
+            }
         }
-        let (_, segment) = known.as_ref()?;
-        let checked = CheckedResponse::new(sample, segment)?;
-        self.has_answered.store(true, Ordering::Relaxed);
-        Some(checked)
+    }
+
+    /// A segment of the daemon's by its number; `None` where it has sent no such one.
+    pub(super) fn segment(&self, number: u64) -> Option<Arc<Segment>> {
+        let at = usize::try_from(number).ok()?;
+        if lock(&self.inbox).segments.len() <= at {
+            self.take_messages();
+        }
+        lock(&self.inbox).segments.get(at)?.clone()
+    }
+
+    /// Takes the memory of requests back that were dropped, where the daemon no longer reads it.
+    fn take_back(&self) {
+        for (at, place) in lock(&self.places).iter_mut().enumerate() {
+            if matches!(place, Place::Left { number, .. } if self.is_done(at, *number)) {
+                *place = Place::Free;
+            }
+        }
+    }
+
+    /// Takes a place for a request; `None` where the daemon still has all of them.
+    pub(super) fn take_place(&self) -> Option<usize> {
+        self.take_back();
+        let mut places = lock(&self.places);
+        let free = places.iter().position(|place| matches!(place, Place::Free))?;
+        places[free] = Place::Taken;
+        Some(free)
+    }
+
+    /// Whether the daemon no longer reads the memory of a request.
+    pub(super) fn is_done(&self, place: usize, number: u64) -> bool {
+        self.theirs.released(place) == number
     }
 
     /// Updates the estimate by an answered frame.
@@ -369,216 +419,8 @@ impl Link {
     pub fn expect(&self, n: u32) -> Expected {
         lock(&self.estimate).expect(n)
     }
-
-    /// Waits for the response to `pending` until `deadline`; `None` if it has not come.
-    ///
-    /// Naps through most of a request that is expected to be long, spins until `spin` after its
-    /// expected end, then sleeps until woken.
-    ///
-    /// # Errors
-    /// [`LinkError`]: there will be none.
-    pub fn receive(
-        &self,
-        pending: &mut SentRequest,
-        sent: Instant,
-        expected: Expected,
-        spin: Duration,
-        deadline: Instant,
-        vigil: &mut Vigil,
-    ) -> Result<Option<ResponseSample>, LinkError> {
-        if let Some(sample) = pending.receive()? {
-            return Ok(Some(sample));
-        }
-        let Expected { nap, round_trip, threads } = expected;
-        // The daemon may have answered before it died: the response is looked for after the daemon.
-        let look = |pending: &mut SentRequest, seen: Seen| match (pending.receive()?, seen) {
-            (Some(sample), _) => Ok(Some(sample)),
-            (None, Seen::Running) => Ok(None),
-            (None, Seen::Dead) => Err(LinkError::Died),
-            (None, Seen::Silent) => Err(LinkError::Timeout { waited: sent.elapsed() }),
-            (None, Seen::Full) => Err(LinkError::Full),
-        };
-        if !spin.is_zero() {
-            // The nap goes by the system's fine clock. The listener's wait ends with a tick of the
-            // coarse clock (1 to 10 ms): a client that naps by it is woken by the answer, 50 µs
-            // late.
-            let wake_at = (sent + nap).min(deadline);
-            loop {
-                let left = wake_at.saturating_duration_since(Instant::now());
-                if left.is_zero() {
-                    break;
-                }
-                std::thread::sleep(left.min(WAIT_SLICE));
-                if let Some(sample) = look(pending, vigil.look_at_times(&self.watched()))? {
-                    return Ok(Some(sample));
-                }
-            }
-            // Near its expected end a frame is worth a core: a client that falls asleep just before
-            // the answer costs a wake-up on each side, frame after frame.
-            let spin_until = (Instant::now().max(sent + round_trip) + spin).min(deadline);
-            let mut spinner = Spinner::default();
-            while Instant::now() < spin_until {
-                if let Some(sample) = look(pending, vigil.look_at_times(&self.watched()))? {
-                    return Ok(Some(sample));
-                }
-                if threads < self.cores {
-                    spinner.turn();
-                } else {
-                    // The engine needs the core that this thread spins on.
-                    spinner.offer();
-                }
-            }
-        }
-        loop {
-            let seen = vigil.look(&self.watched(), Instant::now());
-            if let Some(sample) = look(pending, seen)? {
-                return Ok(Some(sample));
-            }
-            if Instant::now() >= deadline {
-                return Ok(None);
-            }
-            self.sleep(deadline)?;
-        }
-    }
-
-    /// Sleeps until woken, at most a slice and not past `until`.
-    fn sleep(&self, until: Instant) -> Result<(), TransportError> {
-        let left = until.saturating_duration_since(Instant::now()).min(WAIT_SLICE);
-        self.listener
-            .timed_wait(|_| {}, left)
-            .map(|_| ())
-            .map_err(|e| TransportError::new("waiting to be woken", &e))
-    }
 }
 
-/// A request that could not be sent.
-pub struct Unsent {
-    error: LinkError,
-    /// Its memory, where that is kept.
-    memory: Option<UnsentMemory>,
-}
-
-enum UnsentMemory {
-    /// The daemon receives nothing.
-    Undelivered {
-        sent: SentRequest,
-        _slot: Slot,
-    },
-    Kept(SharedFrame),
-}
-
-impl Unsent {
-    /// Why it was not sent.
-    pub const fn error(&self) -> &LinkError {
-        &self.error
-    }
-
-    /// The pages of the request, where they are kept.
-    pub fn pages(&self) -> Option<&[Page]> {
-        Some(match self.memory.as_ref()? {
-            UnsentMemory::Undelivered { sent, .. } => sent.pages(),
-            UnsentMemory::Kept(shared) => shared.loan.pages(),
-        })
-    }
-
-    /// Why it was not sent.
-    pub fn into_error(self) -> LinkError {
-        self.error
-    }
-}
-
-impl SharedFrame {
-    /// Memory for `bytes` bytes, in the place of a frame.
-    ///
-    /// # Errors
-    /// [`LinkError`].
-    pub fn lend(slot: Slot, bytes: u64) -> Result<Self, LinkError> {
-        let pages = pages_of(bytes);
-        let port = slot.link.port_for(pages)?;
-        let loan = slot.link.lend(&port, pages)?;
-        Ok(Self { loan, port, slot })
-    }
-
-    /// The frame in memory of so many bytes, with a copy of the first `used` bytes, where it has fewer.
-    /// The error holds the frame where its memory is kept, for a caller that goes on with it.
-    ///
-    /// # Errors
-    /// [`LinkError`].
-    #[allow(clippy::result_large_err)]
-    pub fn enlarged(self, bytes: u64, used: u64) -> Result<Self, (LinkError, Option<Self>)> {
-        let (pages, used) = (pages_of(bytes), pages_of(used));
-        if pages <= self.loan.pages().len() {
-            return Ok(self);
-        }
-        let port = match self.slot.link.port_for(pages) {
-            Ok(port) => port,
-            Err(error) => return Err((error, Some(self))),
-        };
-        if let Ok(mut loan) = self.slot.link.lend(&port, pages) {
-            loan.pages_mut()[..used].copy_from_slice(&self.loan.pages()[..used]);
-            return Ok(Self { loan, port, slot: self.slot });
-        }
-        // All memory of the port is lent: this frame's goes back first.
-        let Self { loan, slot, .. } = self;
-        let own = loan.pages()[..used].to_vec();
-        drop(loan);
-        let mut loan = slot.link.lend(&port, pages).map_err(|error| (error, None))?;
-        loan.pages_mut()[..used].copy_from_slice(&own);
-        Ok(Self { loan, port, slot })
-    }
-
-    /// Sends the frame and wakes the daemon. Waits for room where the daemon has not yet received what
-    /// the session sent, and dropped, before.
-    ///
-    /// # Errors
-    /// [`Unsent`].
-    #[allow(clippy::result_large_err)] // As above.
-    pub fn send(self, header: &RequestHeader) -> Result<(SentRequest, Slot), Unsent> {
-        // `send` drops the memory when it fails, and it fails where the daemon has exited or is new. The
-        // connection is updated first, while the session still owns the boxes.
-        if self.port.update_connections().is_err() || !self.slot.link.is_alive() {
-            let memory = Some(UnsentMemory::Kept(self));
-            return Err(Unsent { error: LinkError::Died, memory });
-        }
-        let lost = |error: TransportError| Unsent { error: error.into(), memory: None };
-        let Self { loan, port, slot } = self;
-        let link = &slot.link;
-        let mut sent = loan.send(header).map_err(lost)?;
-        // A spinning daemon needs no wake-up, but the client cannot see whether it spins. A
-        // notification costs 50 ns while the daemon is awake. If it fails, the daemon still looks
-        // for requests at intervals.
-        let _ = link.notifier.notify();
-        if !sent.is_delivered() {
-            let since = Instant::now();
-            let mut vigil = Vigil::default();
-            while !sent.is_delivered()
-                && matches!(vigil.look_at_times(&link.watched()), Seen::Running)
-                && since.elapsed() < ROOM_WITHIN
-            {
-                std::thread::sleep(ROOM_INTERVAL);
-                // The transport sends no memory twice.
-                if let Ok(mut again) = link.lend(&port, sent.pages().len()) {
-                    again.pages_mut().copy_from_slice(sent.pages());
-                    // It counts as one under way.
-                    drop(sent);
-                    sent = again.send(header).map_err(lost)?;
-                }
-                let _ = link.notifier.notify();
-            }
-            if !sent.is_delivered() {
-                let waited = since.elapsed();
-                let is_alive = link.is_alive();
-                let error = if is_alive { LinkError::Timeout { waited } } else { LinkError::Died };
-                let memory = Some(UnsentMemory::Undelivered { sent, _slot: slot });
-                return Err(Unsent { error, memory });
-            }
-        }
-        Ok((sent, slot))
-    }
-}
-
-const _: () = assert!(PAGE_BYTES.is_multiple_of(64), "boxes start on a cache line");
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

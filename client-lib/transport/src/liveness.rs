@@ -3,8 +3,7 @@
 //! Both are one file of the instance, `NAME.heartbeat`, a new one for each worker. The kernel frees the
 //! lock however the process ends, and shows it in every PID namespace, where a process id may be
 //! another process's or nobody's. Beats carry no time: clocks differ between time namespaces, so a
-//! reader looks whether the count moves. Behind the count the worker says whether it is full: it cannot
-//! answer a client to which it has no files to connect.
+//! reader looks whether the count moves.
 
 use std::fs::{self, File, OpenOptions};
 use std::os::fd::OwnedFd;
@@ -17,10 +16,10 @@ use rustix::fs::{FlockOperation, flock};
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
 
 use crate::instance::{DaemonRecord, RuntimeDir};
-use crate::trust::{Others, check_file, io_error, open_plain};
+use crate::trust::{check_file, io_error, open_plain};
 
 /// Time between two beats. A reader that misses seven of them takes the daemon for stopped; 50 writes of
-/// sixteen bytes a second take 0.05 % of a core.
+/// eight bytes a second take 0.05 % of a core.
 pub const BEAT_INTERVAL: Duration = Duration::from_millis(20);
 /// A heartbeat that stands still for this long is that of a daemon that does not run: a client that may
 /// answers its frame itself then, 200 ms after it was sent at the latest.
@@ -49,19 +48,19 @@ impl Heartbeat {
         flock(&file, FlockOperation::NonBlockingLockExclusive)
             .map_err(|errno| io_error(&new)(errno.into()))?;
         let mut heart = Self { file, beats: 0 };
-        heart.beat(false).map_err(io_error(&new))?;
+        heart.beat().map_err(io_error(&new))?;
         // Locked before it has its name: nobody sees a living worker's file without a lock.
         fs::rename(&new, &path).map_err(io_error(&path))?;
         Ok(heart)
     }
 
-    /// Counts one more beat, of a worker that can open no more files where it `is_full`.
+    /// Counts one more beat.
     ///
     /// # Errors
     /// The system's: a full disk, for one.
-    pub fn beat(&mut self, is_full: bool) -> std::io::Result<()> {
+    pub fn beat(&mut self) -> std::io::Result<()> {
         self.beats += 1;
-        self.file.write_all_at(bytemuck::bytes_of(&[self.beats, is_full.into()]), 0)
+        self.file.write_all_at(bytemuck::bytes_of(&self.beats), 0)
     }
 }
 
@@ -90,7 +89,7 @@ impl RuntimeDir {
         let path = self.heartbeat_file(name);
         let watched = match open_plain(&path, OpenOptions::new().read(true)) {
             Ok(file) => {
-                check_file(&path, &file, Others::MayRead)?;
+                check_file(&path, &file)?;
                 Some(Watched::Heartbeat(file))
             }
             Err(InstanceError::Io { source, .. })
@@ -129,20 +128,12 @@ impl DaemonWatch {
 
     /// Beats so far; `None` of a daemon that counts none. A system call, as above.
     pub fn beats(&self) -> Option<u64> {
-        self.word(0)
-    }
-
-    /// Whether the worker takes no new clients, because it can open no more files. A system call, as above.
-    pub fn is_full(&self) -> bool {
-        self.word(1).is_some_and(|full| full != 0)
-    }
-
-    fn word(&self, at: u64) -> Option<u64> {
         let Watched::Heartbeat(file) = &self.0 else { return None };
-        let mut word = [0; 8];
-        file.read_exact_at(&mut word, at * 8).ok()?;
-        Some(u64::from_ne_bytes(word))
+        let mut beats = [0; 8];
+        file.read_exact_at(&mut beats, 0).ok()?;
+        Some(u64::from_ne_bytes(beats))
     }
+
 }
 
 /// For how long a heartbeat has stood still, counted in the observer's own looks: one that was itself
@@ -242,9 +233,9 @@ mod tests {
             let (one, other) = (watch().unwrap(), watch().unwrap());
             assert!(one.is_alive() && other.is_alive() && one.is_alive());
             let beats = one.beats().unwrap();
-            for (beat, is_full) in [(1, true), (2, false)] {
-                first.beat(is_full).unwrap();
-                assert_eq!((one.beats(), one.is_full()), (Some(beats + beat), is_full));
+            for beat in 1..3 {
+                first.beat().unwrap();
+                assert_eq!(one.beats(), Some(beats + beat));
             }
             let second = Heartbeat::start(&dir, &name).unwrap();
             assert!(one.is_alive(), "it is still there");

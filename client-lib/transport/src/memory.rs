@@ -1,14 +1,12 @@
 //! Population of shared memory before it is written to.
 #![allow(unsafe_code)]
 
-use std::collections::HashMap;
-
 use pairmask_wire::PAGE_BYTES;
+use pairmask_wire::board::BOARD_PAGES;
 use rustix::io::Errno;
 use rustix::mm::{Advice, madvise};
 
 use crate::room::{self, PopulateError};
-use crate::services::ResponseLoan;
 
 /// Makes every page of `memory` present. A full /dev/shm is then an error here and not a SIGBUS at
 /// the first write, and no frame pays for page faults (24 MB cost 23 to 33 ms at first touch and
@@ -33,54 +31,22 @@ pub fn populate<T>(memory: &mut [T]) -> Result<(), PopulateError> {
     }
 }
 
-/// How much of each chunk is populated, so that steady frames skip the call.
-///
-/// Chunks are distinguished by their addresses: a port reuses few of them.
-#[derive(Debug, Default)]
-pub struct Populated {
-    bytes_at: HashMap<usize, usize>,
-}
+/// What may come out of the reserve of /dev/shm: a board.
+const FROM_RESERVE: usize = BOARD_PAGES * PAGE_BYTES;
 
-impl Populated {
-    /// As [`populate`], unless as much of the chunk at this address was populated before. Chunks of
-    /// more than a page leave a reserve of /dev/shm free for the pages that the transport writes.
-    ///
-    /// # Errors
-    /// As [`populate`].
-    pub fn ensure<T>(&mut self, chunk: &mut [T]) -> Result<(), PopulateError> {
-        let known_bytes = self.bytes_at.entry(chunk.as_ptr() as usize).or_default();
-        populate_beyond(chunk, *known_bytes)?;
-        *known_bytes = size_of_val(chunk).max(*known_bytes);
-        Ok(())
-    }
-}
-
-/// Populates a chunk of which `known_bytes` are. As [`Populated::ensure`], where its user keeps what is known.
+/// As [`populate`], of memory of which the first `known_bytes` are present. Chunks of more than a board leave a reserve of
+/// /dev/shm free for the pages that the transport writes.
 ///
 /// # Errors
 /// As [`populate`].
-pub fn populate_beyond<T>(chunk: &mut [T], known_bytes: usize) -> Result<(), PopulateError> {
+pub(super) fn populate_beyond<T>(chunk: &mut [T], known_bytes: usize) -> Result<(), PopulateError> {
     let bytes = size_of_val(chunk);
     if known_bytes >= bytes {
         return Ok(());
     }
-    // A single page may come out of the reserve: the reply that there is no memory needs one.
-    if bytes > PAGE_BYTES {
+    // A board may come out of the reserve, and so may the answer that there is no memory.
+    if bytes > FROM_RESERVE {
         room::for_payload((bytes - known_bytes) as u64)?;
     }
     populate(chunk)
-}
-
-/// Gives the pages of the first `bytes` bytes of a loan's payload back to the system. A loan is one of a whole chunk, and
-/// `bytes` is at most the payload of a chunk, regardless of the length that was asked for. Whether the system did.
-pub(super) fn remove_pages(loan: &mut ResponseLoan, bytes: usize) -> bool {
-    let first = loan.payload_mut().as_mut_ptr();
-    debug_assert!(bytes.is_multiple_of(PAGE_BYTES));
-    if bytes == 0 {
-        return true;
-    }
-    // SAFETY: the range lies in the chunk that this loan holds alone, in a shared writable mapping that lives as long
-    // as the loan. No reference into it exists but through the loan, which is borrowed here; the pages read as
-    // zeros afterwards, and every value is a valid Page.
-    unsafe { madvise(first.cast(), bytes, Advice::LinuxRemove) }.is_ok()
 }

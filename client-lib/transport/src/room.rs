@@ -1,14 +1,12 @@
 //! Room in shared memory for the pages that the transport writes by itself.
 //!
-//! The transport writes ports, connections and chunk headers without asking whether the system has
-//! free pages. With a full /dev/shm that is a SIGBUS, in a client that connects or in the daemon
-//! that accepts it. A process therefore checks for room before it makes ports, and boxes and masks
-//! leave a reserve free.
+//! The transport writes its bookkeeping without asking whether the system has free pages. With a full /dev/shm that is a
+//! SIGBUS, in a client that connects or in the daemon that lets it in. A process therefore checks for room before it
+//! makes a pool, and boxes and masks leave a reserve free.
 //!
 //! The check is no lock. One case remains: another program fills the last [`RESERVE_BYTES`] within
 //! the millisecond between the check and the transport's writing.
 
-use pairmask_wire::PAGE_BYTES;
 use rustix::fs::{StatVfs, statvfs};
 
 use crate::instance::SHM_DIR;
@@ -21,16 +19,15 @@ pub struct PopulateError {
     pub bytes: u64,
 }
 
-/// Room that must be free before ports are made. A client's ports write to 10 pages, in the client
-/// and in the daemon together; a daemon's ports write to 7. This is three times the larger figure,
-/// for larger `--max-clients`.
-pub(super) const PORTS_BYTES: u64 = 128 << 10;
+/// Room that must be free before a pool is made, which writes to a page for each of its pieces, a dozen at most, and to as
+/// many of its bookkeeping. All of them but the board's are free again a moment later.
+pub(super) const POOL_BYTES: u64 = 128 << 10;
 
-/// Bytes that boxes and masks leave free: room for two clients that connect at the same moment, and
-/// for replies of one page that say that there is no memory. A larger reserve would be missing
+/// Bytes that boxes and masks leave free: room for a client that connects, on both sides, and for boards and replies of
+/// one page that say that there is no memory. A larger reserve would be missing
 /// where /dev/shm is small. Without a reserve, a client that fills /dev/shm with boxes would kill
 /// the next one that connects.
-const RESERVE_BYTES: u64 = 2 * PORTS_BYTES;
+const RESERVE_BYTES: u64 = 2 * POOL_BYTES;
 
 /// Free bytes of a file system; `None` where it has no limit.
 fn free_bytes(of: &StatVfs) -> Option<u64> {
@@ -50,14 +47,9 @@ fn check(bytes: u64, more: u64) -> Result<(), PopulateError> {
     }
 }
 
-/// Checks that there is room for the ports of a client or a daemon.
-pub(super) fn for_ports() -> Result<(), PopulateError> {
-    check(PORTS_BYTES, 0)
-}
-
-/// Whether there is room for a page of a chunk's header, out of the reserve.
-pub(super) fn has_page() -> bool {
-    check(PAGE_BYTES as u64, 0).is_ok()
+/// Checks that there is room for a pool.
+pub(super) fn for_pool() -> Result<(), PopulateError> {
+    check(POOL_BYTES, 0)
 }
 
 /// Checks that there is room for `bytes` bytes of boxes or masks beside the reserve.

@@ -6,7 +6,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::instance::RuntimeDir;
-use crate::trust::{Others, check_directory};
+use crate::trust::{check_directory};
 
 /// Environment variable that names the one runtime directory to use.
 const RUNTIME_DIR_VARIABLE: &str = "PAIRMASK_RUNTIME_DIR";
@@ -47,7 +47,7 @@ impl Surroundings {
             return vec![named];
         }
         let is_usable =
-            |path: &PathBuf| path.is_absolute() && check_directory(path, Others::MayRead).is_ok();
+            |path: &PathBuf| path.is_absolute() && check_directory(path).is_ok();
         let xdg = self.xdg.filter(is_usable);
         let in_tmp = PathBuf::from(format!("{DEFAULT_PREFIX}{}", self.user));
         // A process without the variable looks into the usual run directory too, but last: a daemon
@@ -73,11 +73,6 @@ impl RuntimeDir {
     /// `/run/user/UID/pairmask`.
     pub fn from_env() -> Self {
         Self::first_of(Surroundings::of_process().candidates())
-    }
-
-    /// The runtime directory in another user's run directory.
-    pub(super) fn of_user_run_dir(path: &Path) -> Self {
-        Self::at(path.join(XDG_FOLDER))
     }
 }
 

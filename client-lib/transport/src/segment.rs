@@ -1,60 +1,19 @@
-//! Bounds of a sender's shared memory, by the kernel.
+//! Memory of the other side, mapped by a descriptor of its own, and bounded by what the kernel says of its file.
 //!
-//! Lengths and offsets in shared memory are the sender's claims. The kernel gives the size of the
-//! sender's segment and its address in this process. Every part of a message is checked against those
-//! before it is read.
-//!
-//! A segment that its owner truncates after the check still kills the process that reads it (SIGBUS).
-//! Only the system could forbid that.
+//! Offsets and lengths in shared memory are the other side's claims. Each is checked against the size of the mapping
+//! before it is used. A file that its owner cuts afterwards is the [guard](crate::guard)'s.
+#![allow(unsafe_code)]
 
-use std::fs::{File, Metadata};
-use std::os::unix::fs::MetadataExt;
+use std::fs::File;
+use std::os::fd::{AsFd, OwnedFd};
+use std::ptr;
+use std::sync::atomic::{AtomicU64, Ordering};
 
-use pairmask_wire::InstanceName;
-use rustix::fs::makedev;
+use pairmask_wire::{PAGE_BYTES, Page};
+use rustix::fs::{fcntl_get_seals, makedev};
+use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 
-use crate::instance::RuntimeDir;
-
-/// Messages of this many bytes or more have the size of their segment's file read again. That takes
-/// up to 1 µs, at most 1 % of such a frame. Smaller messages are checked against the size that was
-/// read first.
-const MEASURED_AGAIN_BYTES: usize = 256 << 10;
-
-/// Names of the segment files of an instance's ports.
-#[derive(Clone, Debug)]
-pub struct SegmentFiles {
-    prefix: String,
-}
-
-impl SegmentFiles {
-    /// The segment files of an instance.
-    pub fn new(dir: &RuntimeDir, name: &InstanceName) -> Self {
-        Self { prefix: format!("/dev/shm/{}", dir.shm_prefix(name)) }
-    }
-
-    /// The segment of a port, mapped around `address` in this process; `None` where that address
-    /// belongs to another mapping.
-    ///
-    /// Reads the process's table of mappings: 50 µs or more, once a port.
-    pub fn find(&self, port: u128, address: usize) -> Option<Segment> {
-        // Between prefix and port the transport writes the kind of the file.
-        let ending = format!("_{port}.data");
-        let mapping = Mapping::around(address).ok()??;
-        let Mapping { start, end, file_offset, inode, path, .. } = mapping;
-        if !path.starts_with(&self.prefix) || !path.ends_with(&ending) {
-            return None;
-        }
-        // The file of a port that was closed meanwhile has no name any more: only the mapping gives
-        // its size.
-        let found = File::open(path).ok().and_then(|file| Some((file.metadata().ok()?, file)));
-        let Some((data, file)) = found.filter(|(data, _)| data.ino() == inode) else {
-            return Some(Segment { start, end, file_offset, file: None });
-        };
-        let bytes = usize::try_from(data.len().saturating_sub(file_offset)).ok()?;
-        let end = end.min(start.checked_add(bytes)?);
-        Some(Segment { start, end, file_offset, file: Some(file) })
-    }
-}
+use crate::guard::Guarded;
 
 /// A mapping of this process: a line of `/proc/self/maps`.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -106,30 +65,77 @@ impl Mapping {
     }
 }
 
-/// The memory of one port, as mapped in this process.
+/// Segments that this process has mapped so far, for their numbers.
+static MAPPED: AtomicU64 = AtomicU64::new(0);
+
+/// A segment of the other side, mapped for reading.
 #[derive(Debug)]
 pub struct Segment {
+    // Before the mapping that it watches over: fields drop in this order, and the mapping at the end of `drop`.
+    guarded: Option<Guarded>,
+    id: u64,
     start: usize,
-    end: usize,
-    file_offset: u64,
-    file: Option<File>,
+    bytes: usize,
+    /// Held open, since the file has no name: a GPU's import maps it by this descriptor.
+    _file: File,
 }
 
 impl Segment {
-    /// Whether `bytes` bytes from `address` on lie within the segment.
-    pub fn holds(&self, address: usize, bytes: usize) -> bool {
-        let Some(end) = address.checked_add(bytes) else { return false };
-        if address < self.start || end > self.end {
-            return false;
+    /// Maps the file behind a descriptor for reading.
+    ///
+    /// # Errors
+    /// The system's, or where it is no shared memory with whole pages.
+    pub fn map(file: OwnedFd) -> std::io::Result<Self> {
+        // Only memory has seals: whoever asks for the size of another file, or reads it, may wait for its owner.
+        fcntl_get_seals(&file)?;
+        let file = File::from(file);
+        let data = file.metadata()?;
+        let bytes = usize::try_from(data.len()).unwrap_or(usize::MAX) / PAGE_BYTES * PAGE_BYTES;
+        if bytes == 0 {
+            return Err(std::io::ErrorKind::InvalidInput.into());
         }
-        bytes < MEASURED_AGAIN_BYTES || self.reaches(end)
+        let flags = MapFlags::SHARED | MapFlags::NORESERVE;
+        // SAFETY: the kernel chooses a free address.
+        let start =
+            unsafe { mmap(ptr::null_mut(), bytes, ProtFlags::READ, flags, file.as_fd(), 0) }?;
+        let start = start.expose_provenance();
+        let id = MAPPED.fetch_add(1, Ordering::Relaxed);
+        Ok(Self { guarded: Guarded::watch(start, bytes, false), id, start, bytes, _file: file })
     }
 
-    /// Whether the file still reaches as far as `end`.
-    fn reaches(&self, end: usize) -> bool {
-        let needed = self.file_offset + (end - self.start) as u64;
-        let is_long_enough = |data: Metadata| data.len() >= needed;
-        self.file.as_ref().is_none_or(|file| file.metadata().is_ok_and(is_long_enough))
+    /// A number that no other segment of this process has, or will have.
+    pub const fn id(&self) -> u64 {
+        self.id
+    }
+
+    /// Address of `bytes` bytes at a page of the segment; `None` where they do not lie in it.
+    pub fn address(&self, offset: u64, bytes: usize) -> Option<usize> {
+        let offset = usize::try_from(offset).ok()?;
+        let end = offset.checked_add(bytes)?;
+        (offset.is_multiple_of(PAGE_BYTES) && end <= self.bytes).then(|| self.start + offset)
+    }
+
+    /// Pages of the segment; none where `pages` pages do not lie in it.
+    pub fn pages(&self, offset: u64, pages: u64) -> &[Page] {
+        let bytes = usize::try_from(pages).ok().and_then(|pages| pages.checked_mul(PAGE_BYTES));
+        let Some((address, bytes)) = bytes.and_then(|b| Some((self.address(offset, b)?, b))) else {
+            return &[];
+        };
+        let first = ptr::with_exposed_provenance(address);
+        // SAFETY: the pages lie within the mapping, as was checked, which stays as long as the segment. They are
+        // aligned, and any bytes are a valid Page.
+        unsafe { std::slice::from_raw_parts(first, bytes / PAGE_BYTES) }
+    }
+}
+
+impl Drop for Segment {
+    fn drop(&mut self) {
+        // What follows may be mapped at the same addresses.
+        drop(self.guarded.take());
+        // SAFETY: the range was mapped by this value, and what was lent of it borrowed the segment.
+        let unmapped =
+            unsafe { munmap(ptr::with_exposed_provenance_mut(self.start), self.bytes) };
+        debug_assert!(unmapped.is_ok(), "a mapping of ours is there to unmap");
     }
 }
 

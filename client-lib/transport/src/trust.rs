@@ -17,44 +17,25 @@ pub(super) fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> InstanceEr
 
 /// Mode bits: users other than the owner may write.
 const OTHERS_WRITE: u32 = 0o022;
-/// Mode bits: users other than the owner may do anything.
-const OTHERS_USE: u32 = 0o077;
-
-/// What other users may do with a file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Others {
-    MayRead,
-    MayNothing,
-}
-
-impl Others {
-    const fn forbidden(self) -> u32 {
-        match self {
-            Self::MayRead => OTHERS_WRITE,
-            Self::MayNothing => OTHERS_USE,
-        }
-    }
-}
-
 /// Whether a file is owned by the process's effective user. Root's files are no exception: only
 /// root uses them.
 pub(super) fn is_own(data: &Metadata) -> bool {
     data.uid() == rustix::process::geteuid().as_raw()
 }
 
-fn check(path: &Path, data: &Metadata, others: Others) -> Result<(), InstanceError> {
+fn check(path: &Path, data: &Metadata) -> Result<(), InstanceError> {
     if !is_own(data) {
         return Err(InstanceError::Foreign { path: path.to_owned(), owner: data.uid() });
     }
     let mode = data.mode() & 0o7777;
-    if mode & others.forbidden() != 0 {
+    if mode & OTHERS_WRITE != 0 {
         return Err(InstanceError::Open { path: path.to_owned(), mode });
     }
     Ok(())
 }
 
 /// Checks that a path is a directory and no link, and that it is the user's own.
-pub(super) fn check_directory(path: &Path, others: Others) -> Result<(), InstanceError> {
+pub(super) fn check_directory(path: &Path) -> Result<(), InstanceError> {
     let data = fs::symlink_metadata(path).map_err(io_error(path))?;
     if data.is_symlink() && !is_own(&data) {
         return Err(InstanceError::Foreign { path: path.to_owned(), owner: data.uid() });
@@ -62,13 +43,13 @@ pub(super) fn check_directory(path: &Path, others: Others) -> Result<(), Instanc
     if !data.is_dir() {
         return Err(InstanceError::NotPlain { path: path.to_owned(), expected: "a directory" });
     }
-    check(path, &data, others)
+    check(path, &data)
 }
 
 /// Checks that an open file is a plain one with one name at most, and that it is the user's own.
-pub(super) fn check_file(path: &Path, file: &File, others: Others) -> Result<(), InstanceError> {
+pub(super) fn check_file(path: &Path, file: &File) -> Result<(), InstanceError> {
     let data = file.metadata().map_err(io_error(path))?;
-    check(path, &data, others)?;
+    check(path, &data)?;
     // A file that was replaced since it was opened has no name any more, and is valid.
     if !data.is_file() || data.nlink() > 1 {
         return Err(InstanceError::NotPlain { path: path.to_owned(), expected: "a plain file" });
@@ -105,7 +86,7 @@ pub(super) fn read_own(path: &Path, most: u64) -> Result<Option<Vec<u8>>, Instan
             });
         }
     };
-    check_file(path, &file, Others::MayRead)?;
+    check_file(path, &file)?;
     let mut bytes = Vec::new();
     file.take(most).read_to_end(&mut bytes).map_err(io_error(path))?;
     Ok(Some(bytes))
@@ -116,7 +97,7 @@ pub(super) fn replace_own(new: &Path, path: &Path, bytes: &[u8]) -> Result<(), I
     use std::io::Write;
     let mut options = OpenOptions::new();
     let mut file = open_plain(new, options.create(true).write(true).truncate(true).mode(0o644))?;
-    check_file(new, &file, Others::MayRead)?;
+    check_file(new, &file)?;
     file.write_all(bytes).map_err(io_error(new))?;
     fs::rename(new, path).map_err(io_error(path))
 }
@@ -141,23 +122,19 @@ mod tests {
     #[test]
     fn directories_that_others_may_write_to_and_links_are_refused() {
         let dir = directory("directories");
-        check_directory(&dir, Others::MayRead).unwrap();
-        assert!(matches!(
-            check_directory(&dir, Others::MayNothing),
-            Err(InstanceError::Open { mode: 0o755, .. })
-        ));
+        check_directory(&dir).unwrap();
         for mode in [0o775, 0o757, 0o777, 0o1777] {
             fs::set_permissions(&dir, PermissionsExt::from_mode(mode)).unwrap();
-            let refused = check_directory(&dir, Others::MayRead).unwrap_err();
+            let refused = check_directory(&dir).unwrap_err();
             assert!(matches!(refused, InstanceError::Open { .. }), "{mode:o}: {refused}");
         }
         fs::set_permissions(&dir, PermissionsExt::from_mode(0o700)).unwrap();
-        check_directory(&dir, Others::MayNothing).unwrap();
+        check_directory(&dir).unwrap();
         let (link, file) = (dir.join("link"), dir.join("file"));
         symlink(&dir, &link).unwrap();
         fs::write(&file, "x").unwrap();
         for path in [&link, &file] {
-            let refused = check_directory(path, Others::MayRead).unwrap_err();
+            let refused = check_directory(path).unwrap_err();
             assert!(matches!(refused, InstanceError::NotPlain { .. }), "{refused}");
         }
         fs::remove_dir_all(dir).unwrap();

@@ -17,8 +17,6 @@ const LONGEST_LOOK: Duration = Duration::from_millis(25);
 pub struct Vigil {
     heart: Option<Stillness>,
     look_at: Option<Instant>,
-    /// When it was first seen to have no file for a client, as this one may be.
-    full_since: Option<Instant>,
 }
 
 /// The daemon that a client waits for.
@@ -26,8 +24,6 @@ pub struct Vigil {
 pub struct Watched<'a> {
     /// Its worker.
     pub daemon: &'a DaemonWatch,
-    /// Whether it has answered this client.
-    pub has_answered: bool,
     /// Whether the client goes on without a daemon that does not run.
     pub leaves_silent: bool,
 }
@@ -41,8 +37,6 @@ pub enum Seen {
     Dead,
     /// Its heartbeat stands still, and the client goes on without it.
     Silent,
-    /// It has no files to connect to this client, which it has never answered.
-    Full,
 }
 
 impl Vigil {
@@ -57,17 +51,10 @@ impl Vigil {
 
     /// Looks at the daemon.
     pub fn look(&mut self, watched: &Watched<'_>, now: Instant) -> Seen {
-        let Watched { daemon, has_answered, leaves_silent } = *watched;
+        let Watched { daemon, leaves_silent } = *watched;
         self.look_at = Some(now + WAIT_SLICE);
         if !daemon.is_alive() {
             return Seen::Dead;
-        }
-        // A long first frame beside a client that is not served is no sign: it has this time.
-        if !has_answered && daemon.is_full() {
-            let since = *self.full_since.get_or_insert(now);
-            if now.saturating_duration_since(since) >= SILENT_AFTER {
-                return Seen::Full;
-            }
         }
         if !leaves_silent {
             return Seen::Running;

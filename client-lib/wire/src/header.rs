@@ -1,8 +1,6 @@
 //! The header of a request.
 
 use bytemuck::{CheckedBitPattern, Pod, Zeroable};
-#[cfg(feature = "transport")]
-use iceoryx2::prelude::ZeroCopySend;
 
 use pairmask_core::engine::{EngineChoice, EngineName};
 
@@ -13,7 +11,6 @@ use crate::{REQUEST_MAGIC, VERSION_MAJOR, VERSION_MINOR, Version};
 /// Header of a request, 272 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
-#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("pairmask.RequestHeader"))]
 pub struct RequestHeader {
     /// [`REQUEST_MAGIC`].
     pub magic: u32,
@@ -26,8 +23,7 @@ pub struct RequestHeader {
     /// Of a cull: 1 an engine finds the pairs, also where the frame is equal to the last one (since 1.4).
     /// Unknown flags are ignored. Of an edit: the low half of a number of pairs (since 1.13).
     pub flags: u32,
-    /// Names the client: the listener of its node has the same number as its name. Apart from that
-    /// an echo.
+    /// The client's number: an echo.
     pub client_token: u64,
     /// The client's number of this frame, echoed in the response.
     pub frame: u64,
@@ -61,7 +57,7 @@ pub struct RequestHeader {
 const _: () = assert!(size_of::<RequestHeader>() == 272 && align_of::<RequestHeader>() == 8);
 
 impl Default for RequestHeader {
-    /// All zero, as the transport writes it before the client fills it in. Not a valid request.
+    /// All zero. Not a valid request.
     fn default() -> Self {
         Self::zeroed()
     }

@@ -1,11 +1,12 @@
 //! The wire contract: what lies in shared memory, byte by byte. `WIRE.md` draws it.
 //!
-//! A request and a response are each a fixed *header* (the transport's user header) and a *payload*
+//! A request and a response are each a fixed *header* (in an entry of a [board]) and a *payload*
 //! of whole pages. The header says by [`Section`]s what lies where in the payload. Everything is
 //! little-endian. Each side treats the other's bytes as input from outside: it copies a header
 //! once, validates the copy ([`Request::parse`], [`Reply::parse`]), and uses only the validated
 //! form.
 
+pub mod board;
 mod header;
 mod mask;
 mod name;
@@ -50,7 +51,7 @@ pub use status_code::{ENGINE_IS_OPENING, StatusCode};
 pub const VERSION_MAJOR: u16 = 1;
 /// Minor version, raised when a form of objects, an encoding, an engine, an operation, a section or a step of an edit is
 /// added. A client asks only a daemon of its own minor version or a later one.
-pub const VERSION_MINOR: u16 = 13;
+pub const VERSION_MINOR: u16 = 14;
 /// "PMRQ" in memory order. A wrong magic means that the writer is no pairmask client.
 pub const REQUEST_MAGIC: u32 = u32::from_le_bytes(*b"PMRQ");
 /// "PMRS" in memory order.

@@ -1,8 +1,6 @@
 //! Responses of the daemon.
 
 use bytemuck::{Pod, Zeroable};
-#[cfg(feature = "transport")]
-use iceoryx2::prelude::ZeroCopySend;
 use pairmask_core::dispatch::StageTimes;
 use pairmask_core::engine::{
     Census, CullReport, EngineId, EngineName, NAMED_INVALID, PairSkips, SkipMeter,
@@ -18,7 +16,6 @@ use crate::{RESPONSE_MAGIC, VERSION_MAJOR, VERSION_MINOR};
 /// Header of a response, 432 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
-#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("pairmask.ResponseHeader"))]
 pub struct ResponseHeader {
     /// [`RESPONSE_MAGIC`].
     pub magic: u32,

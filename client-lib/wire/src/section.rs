@@ -1,8 +1,6 @@
 //! Sections: named byte ranges of a payload.
 
 use bytemuck::{AnyBitPattern, CheckedBitPattern, Pod, Zeroable};
-#[cfg(feature = "transport")]
-use iceoryx2::prelude::ZeroCopySend;
 use pairmask_core::bytes;
 use pairmask_core::mask::Span;
 use pairmask_core::objects::ObjectForm;
@@ -16,7 +14,6 @@ pub const SECTION_COUNT: usize = 8;
 /// A byte range of the payload and the kind of its contents.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
-#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("pairmask.Section"))]
 pub struct Section {
     /// A [`SectionKind`], or 0 for an unused slot.
     pub kind: u32,

@@ -1,8 +1,6 @@
 //! The daemon's status.
 
 use bytemuck::{Pod, Zeroable};
-#[cfg(feature = "transport")]
-use iceoryx2::prelude::ZeroCopySend;
 use pairmask_core::engine::{PairSkips, SkipMeter};
 use pairmask_core::scene::SceneSkips;
 
@@ -16,7 +14,6 @@ pub const LAST_ERRORS: usize = 8;
 /// A request that the daemon answered with an error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
-#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("pairmask.RecordedError"))]
 pub struct RecordedError {
     /// Token of the client.
     pub client_token: u64,
@@ -33,7 +30,6 @@ pub struct RecordedError {
 /// Results of the daemon's auditor, which checks a share of the frames again.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
-#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("pairmask.AuditCounts"))]
 pub struct AuditCounts {
     /// One frame in so many is checked; 0 for none.
     pub one_in: u64,
@@ -106,7 +102,6 @@ impl SkipTotals {
 /// The daemon's status: the payload of a status response.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
-#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("pairmask.StatusBody"))]
 pub struct StatusBody {
     /// Id of the process that serves.
     pub pid: u32,

@@ -1,6 +1,6 @@
 //! What the daemon keeps of its clients, by session.
 //!
-//! A session is who the transport's registers say that a request comes from; its token is an echo.
+//! A session is a client's connection; its token is an echo.
 //! Nothing here is needed for a right answer: what was dropped is found again, estimated, or sent again.
 
 mod scenes;
@@ -12,9 +12,6 @@ pub(crate) use self::work::{FrameWork, RequestKind};
 
 use std::sync::Mutex;
 
-use iceoryx2::port::notifier::ListenerKey;
-use iceoryx2::prelude::CallbackProgression;
-use pairmask_transport::{Sender, WakeClient, listener_name};
 use pairmask_wire::SceneId;
 
 use self::work::LastWork;
@@ -22,28 +19,27 @@ use crate::execute::Executor;
 use crate::locked;
 
 pub(crate) struct Clients {
-    notifier: WakeClient,
     known: Mutex<Known>,
 }
 
 impl Clients {
-    pub(crate) fn new(notifier: WakeClient, max_clients: usize) -> Self {
-        Self { notifier, known: Mutex::new(Known::new(max_clients)) }
+    pub(crate) fn new(max_clients: usize) -> Self {
+        Self { known: Mutex::new(Known::new(max_clients)) }
     }
 
     /// Pairs in a session's last frame, for the plan of its next; `None` where it had none.
-    pub(crate) fn last_pairs(&self, session: u128) -> Option<u64> {
+    pub(crate) fn last_pairs(&self, session: u64) -> Option<u64> {
         locked(&self.known).find(session)?.last_pairs
     }
 
     /// Changes what is kept of a session, which is remembered from now on.
-    pub(crate) fn of<R>(&self, session: u128, change: impl FnOnce(&mut Client) -> R) -> R {
+    pub(crate) fn of<R>(&self, session: u64, change: impl FnOnce(&mut Client) -> R) -> R {
         change(locked(&self.known).of(session))
     }
 
     pub(crate) fn expected_work(
         &self,
-        session: u128,
+        session: u64,
         kind: RequestKind,
         objects: u32,
     ) -> FrameWork {
@@ -53,35 +49,21 @@ impl Clients {
     }
 
     /// Takes a session's scene, which no other thread has meanwhile. `None` where it has no such scene.
-    pub(crate) fn take_scene(&self, session: u128, id: SceneId) -> Option<SessionScene> {
+    pub(crate) fn take_scene(&self, session: u64, id: SceneId) -> Option<SessionScene> {
         let mut known = locked(&self.known);
         let scenes = &mut known.of(session).scenes;
         let slot = scenes.iter().position(|kept| kept.id == id)?;
         Some(scenes.swap_remove(slot))
     }
 
-    /// Wakes the client that sent a request with this token, and no other: by the listener of its
-    /// session that bears the token. About 50 ns while it does not sleep.
-    pub(crate) fn wake(&self, sender: Sender, client_token: u64) {
-        let known = locked(&self.known).of(sender.session).listener;
-        let wakes = |listener| self.notifier.notify_single_listener(&listener).is_ok();
-        if known.is_some_and(wakes) {
-            return;
-        }
-        let found = find_listener(&self.notifier, sender.session, client_token);
-        // A client that went away between these lines needs no waking.
-        let _ = found.is_some_and(wakes);
-        locked(&self.known).of(sender.session).listener = found;
-    }
-
     /// Drops ended sessions, and tidies engines; to be called now and then.
-    pub(crate) fn tidy(&self, sessions: impl FnOnce() -> Vec<u128>) {
-        let candidates: Vec<u128> =
+    pub(crate) fn tidy(&self, sessions: impl FnOnce() -> Vec<u64>) {
+        let candidates: Vec<u64> =
             locked(&self.known).clients.iter().map(|client| client.session).collect();
         // After the candidates: a session that comes meanwhile is none of them.
         let sessions = sessions();
         let has_ended =
-            |session: u128| candidates.contains(&session) && !sessions.contains(&session);
+            |session: u64| candidates.contains(&session) && !sessions.contains(&session);
         let mut known = locked(&self.known);
         // Beside those whose place others took.
         let mut ended = std::mem::take(&mut known.discarded);
@@ -109,13 +91,13 @@ impl Known {
         Self { clients: Vec::with_capacity(capacity), capacity, looks: 0, discarded: Vec::new() }
     }
 
-    fn find(&self, session: u128) -> Option<&Client> {
+    fn find(&self, session: u64) -> Option<&Client> {
         self.clients.iter().find(|client| client.session == session)
     }
 
     /// A client, remembered from now on. Where disconnected clients fill the list, the one is dropped that was
     /// looked for longest ago, of those without scenes if there are any: others would have to send theirs again.
-    fn of(&mut self, session: u128) -> &mut Client {
+    fn of(&mut self, session: u64) -> &mut Client {
         self.looks += 1;
         let found = self.clients.iter().position(|client| client.session == session);
         let slot = found.unwrap_or_else(|| {
@@ -138,28 +120,14 @@ impl Known {
 /// What is kept of a client. Everything that belongs to one session and outlives a request goes here.
 #[derive(Default)]
 pub(crate) struct Client {
-    session: u128,
+    session: u64,
     looked_at: u64,
-    listener: Option<ListenerKey>,
     pub(crate) last_pairs: Option<u64>,
     pub(crate) last_work: LastWork,
     /// Its engines, while no frame of it is being culled.
     pub(crate) engines: Option<Box<Executor>>,
     /// Its scenes, but for one that is being changed.
     pub(crate) scenes: Vec<SessionScene>,
-}
-
-fn find_listener(notifier: &WakeClient, session: u128, client_token: u64) -> Option<ListenerKey> {
-    let name = listener_name(client_token)?;
-    let mut found = None;
-    notifier.for_each_listener(|listener, details| {
-        if details.listener_name == name && details.node_id.value() == session {
-            found = Some(listener.listener_key());
-            return CallbackProgression::Stop;
-        }
-        CallbackProgression::Continue
-    });
-    found
 }
 
 #[cfg(test)]
@@ -185,7 +153,7 @@ mod tests {
         let mut known = Known::new(4);
         for session in 100..200 {
             for stays in [1, 2, 3] {
-                known.of(stays).last_pairs.get_or_insert(stays as u64);
+                known.of(stays).last_pairs.get_or_insert(stays);
             }
             known.of(session).last_pairs = Some(0);
         }

@@ -275,9 +275,9 @@ impl GpuService {
     }
 
     /// Gives up what is kept of disconnected clients. Where there is no device, takes in one that was opened.
-    pub(super) fn tidy(&mut self) {
+    pub(super) fn tidy(&mut self, segments: &[u64]) {
         match self.0.opened_mut() {
-            Some(engines) => engines.change_imports(|imports, _| imports.tidy()),
+            Some(engines) => engines.change_imports(|imports, _| imports.tidy(segments)),
             None => drop(self.0.ready()),
         }
     }

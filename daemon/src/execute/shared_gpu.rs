@@ -159,9 +159,9 @@ impl SharedGpu {
 
     /// Gives up what the GPU keeps of disconnected clients, and takes a device in that was opened, or was lost and is
     /// back; to be called now and then.
-    pub fn tidy(&self) {
+    pub fn tidy(&self, segments: &[u64]) {
         if !self.outlook().is_missing {
-            self.with(GpuService::tidy);
+            self.with(|gpu| gpu.tidy(segments));
         }
     }
 

@@ -3,7 +3,8 @@
 
 use std::time::{Duration, Instant};
 
-use pairmask_transport::{FRAMES_AT_A_TIME, PORTS_PER_CLIENT, Sender};
+use pairmask_transport::Sender;
+use pairmask_wire::board::PLACES;
 
 /// A request that waits counts as if its process had used so much less: this part of the time that it has waited.
 ///
@@ -51,7 +52,7 @@ struct Account {
 
 /// Requests that wait for an answer, and the sessions that are being answered.
 ///
-/// Processes share the time of those who serve, regardless of what they say and however many ports they have: of
+/// Processes share the time of those who serve, regardless of what they say and however many sessions they have: of
 /// two that wait, the one is next that has used less, where a part of the time counts that each has waited; of
 /// equals, the one that has waited longer. None starves. A process that has been away has no time saved up. The sessions of a process take turns; a session has
 /// one frame served at a time, and its requests keep their order. What all frames of
@@ -77,7 +78,7 @@ impl<R> RequestQueue<R> {
     /// Room for all requests that `max_clients` may have under way: one client cannot fill it, and
     /// requests of others are received all the same.
     pub fn new(max_clients: usize, gpus: usize) -> Self {
-        let capacity = max_clients.max(1) * PORTS_PER_CLIENT * FRAMES_AT_A_TIME;
+        let capacity = max_clients.max(1) * PLACES;
         Self {
             waiting: Vec::with_capacity(capacity),
             serving: Vec::with_capacity(capacity),
@@ -94,7 +95,7 @@ impl<R> RequestQueue<R> {
         self.capacity.saturating_sub(self.waiting.len())
     }
 
-    pub fn is_served(&self, session: u128) -> bool {
+    pub fn is_served(&self, session: u64) -> bool {
         self.serving.iter().any(|serving| serving.sender.session == session)
     }
 
@@ -107,7 +108,7 @@ impl<R> RequestQueue<R> {
     }
 
     pub fn put(&mut self, sender: Sender, resource: Resource, request: R, now: Instant) {
-        let Sender { session, process, .. } = sender;
+        let Sender { session, process } = sender;
         self.open_account(process);
         let of_process = self.waiting.iter().find(|w| w.sender.process == process);
         let process_turn = of_process.map(|w| w.process_turn);
@@ -181,7 +182,7 @@ impl<R> RequestQueue<R> {
 
     /// Where the request waits whose turn it is, of the oldest ones of their sessions that can be served.
     fn next_of(&self, now: Instant, can_be_served: impl Fn(&Waiting<R>) -> bool) -> Option<usize> {
-        let is_oldest = |at: usize, session: u128| {
+        let is_oldest = |at: usize, session: u64| {
             !self.waiting[..at].iter().any(|older| older.sender.session == session)
         };
         let turns = self.waiting.iter().enumerate().filter(|(at, w)| {
@@ -258,8 +259,8 @@ mod tests {
 
     const US: Duration = Duration::from_micros(1);
 
-    fn sender(process: u32, port: u128) -> Sender {
-        Sender { port, session: port, process }
+    fn sender(process: u32, session: u64) -> Sender {
+        Sender { session, process }
     }
 
     /// The next request, served at once, for so long.
@@ -277,7 +278,7 @@ mod tests {
         for word in script.split_whitespace() {
             let id = word[1..2].parse().unwrap_or(0);
             let (from, expected) = (sender(id, id.into()), (id > 0).then_some(&word[1..]));
-            let name = |(from, request): (Sender, &str)| format!("{}{}", from.port, &request[3..]);
+            let name = |(from, request): (Sender, &str)| format!("{}{}", from.session, &request[3..]);
             let found = match &word[..1] {
                 "+" => {
                     let resource = match &word[2..3] {
@@ -320,12 +321,12 @@ mod tests {
     }
 
     #[test]
-    fn a_process_with_many_ports_has_one_turn() {
+    fn a_process_with_many_sessions_has_one_turn() {
         let now = Instant::now();
         let mut queue = RequestQueue::new(4, 1);
-        for port in 10..18 {
-            queue.put(sender(1, port), Resource::Core, (1, port), now);
-            queue.put(sender(1, port), Resource::Core, (1, port), now);
+        for session in 10..18 {
+            queue.put(sender(1, session), Resource::Core, (1, session), now);
+            queue.put(sender(1, session), Resource::Core, (1, session), now);
         }
         let mut order = Vec::new();
         for _ in 0..4 {
@@ -337,8 +338,8 @@ mod tests {
         }
         let processes: Vec<u32> = order.iter().map(|(process, _)| *process).collect();
         assert_eq!(processes, [1, 2, 1, 2, 1, 2, 1, 2]);
-        let ports: Vec<u128> = order.iter().filter(|o| o.0 == 1).map(|o| o.1).collect();
-        assert_eq!(ports, [10, 11, 12, 13], "the sessions of a process take turns as well");
+        let sessions: Vec<u64> = order.iter().filter(|o| o.0 == 1).map(|o| o.1).collect();
+        assert_eq!(sessions, [10, 11, 12, 13], "the sessions of a process take turns as well");
     }
 
     #[test]
@@ -385,7 +386,7 @@ mod tests {
         let mut queue = RequestQueue::new(1, 1);
         let room = (queue.waiting.capacity(), queue.accounts.capacity());
         for process in 0..10_000 {
-            queue.put(sender(process, u128::from(process)), Resource::Core, process, now);
+            queue.put(sender(process, u64::from(process)), Resource::Core, process, now);
             assert_eq!(serve(&mut queue, now, 1000 * US), Some(process));
         }
         assert_eq!((queue.waiting.capacity(), queue.accounts.capacity()), room);
@@ -429,7 +430,7 @@ mod tests {
             let (mut queue, mut now, mut used) =
                 (RequestQueue::new(4, 1), start, [Duration::ZERO; 3]);
             for process in 0..3 {
-                queue.put(sender(process, u128::from(process)), Resource::Core, process, now);
+                queue.put(sender(process, u64::from(process)), Resource::Core, process, now);
             }
             for _ in 0..10_000 {
                 let next = queue.next(now, |_| true, |_, _| false);
@@ -451,7 +452,7 @@ mod tests {
     fn what_may_not_be_served_now_waits_and_lets_others_pass() {
         let now = Instant::now();
         let mut queue = RequestQueue::new(4, 1);
-        let [a, b] = [1, 2].map(|id| sender(id, u128::from(id)));
+        let [a, b] = [1, 2].map(|id| sender(id, u64::from(id)));
         queue.put(a, Resource::Core, "long", now);
         queue.put(b, Resource::Core, "short", now);
         let mut next = |may: &dyn Fn(&&str) -> bool| queue.next(now, may, |_, _| false);
@@ -465,7 +466,7 @@ mod tests {
     fn a_request_that_has_waited_for_the_pool_too_long_has_a_core() {
         let (start, ms) = (Instant::now(), Duration::from_millis(1));
         let mut queue = RequestQueue::new(4, 1);
-        let [a, b, c] = [1, 2, 3].map(|id| sender(id, u128::from(id)));
+        let [a, b, c] = [1, 2, 3].map(|id| sender(id, u64::from(id)));
         for (sender, resource, work) in
             [(a, Resource::Pool, 5000), (b, Resource::Pool, 7), (c, Resource::Gpu, 7)]
         {

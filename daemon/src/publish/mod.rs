@@ -4,9 +4,8 @@ mod frame_memory;
 mod open_request;
 mod outbox;
 mod refusal;
-mod reply_memory;
 
-pub(crate) use self::open_request::{OpenRequest, ReplyLender};
+pub(crate) use self::open_request::OpenRequest;
 pub use self::outbox::AlterAnswer;
 pub(crate) use self::outbox::Outbox;
 pub(crate) use self::refusal::Refusal;

@@ -1,8 +1,7 @@
 //! A request that waits for its answer, and the shared memory of that answer, lent when its size is
 //! known.
 
-use std::ops::Range;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::Instant;
 
 use pairmask_core::BoxCount;
@@ -12,46 +11,16 @@ use pairmask_core::mask::{MaskShape, Span};
 use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::repeat::KeepTicket;
-use pairmask_transport::{
-    CheckedRequest, FreeChunks, PortTurn, ResponseLoan, Sender, TransportError,
-    assume_response_pages,
-};
+use pairmask_transport::{CheckedRequest, Chunk, Sender};
 use pairmask_wire::{
     Page, Reject, ReplyFields, Request, ResponseHeader, SceneSections, SentRules,
     WORLD_RANGE_WORDS, page_count, words_in, words_in_mut, write_world_ranges,
 };
 
-use super::reply_memory::ReplyMemory;
 use crate::ingest::Incoming;
-use crate::locked;
 
 const PAIR_WORDS: u64 = 2;
 const WORD_BYTES: u64 = size_of::<u32>() as u64;
-
-#[derive(Debug)]
-pub(crate) struct ReplyLender {
-    turn: Arc<PortTurn>,
-    memory: ReplyMemory,
-    /// The port's free chunks, for the thread that gives memory back.
-    free: Mutex<Option<FreeChunks>>,
-    limit_bytes: u64,
-}
-
-impl ReplyLender {
-    /// Lends at most `limit_bytes` a reply, of the port of these chunks, which is used in such turns.
-    pub(crate) fn new(turn: Arc<PortTurn>, free: Option<FreeChunks>, limit_bytes: u64) -> Self {
-        Self { turn, memory: ReplyMemory::default(), free: Mutex::new(free), limit_bytes }
-    }
-
-    /// Gives memory back that no session needs. `release` says whether others let go of a range.
-    pub(crate) fn tidy(&self, sessions: &[u128], release: impl FnMut(&Range<usize>) -> bool) {
-        let free = locked(&self.free);
-        if let Some(free) = &*free {
-            let has_ended = |session| !sessions.contains(&session);
-            self.memory.give_back(free, &self.turn, has_ended, release);
-        }
-    }
-}
 
 /// A request in hand. Dropped without an answer, it leaves its client to its deadline.
 pub(crate) struct OpenRequest {
@@ -60,8 +29,8 @@ pub(crate) struct OpenRequest {
     pub(crate) fields: ReplyFields,
     pub(crate) taken_at: Instant,
     scene: SceneSections,
-    loan: Option<ResponseLoan>,
-    lender: Arc<ReplyLender>,
+    loan: Option<Chunk>,
+    limit_bytes: u64,
     /// Where its objects and its answer are to be kept.
     pub(crate) keep: Option<KeepTicket>,
     pub(crate) rules: Option<FrameRules>,
@@ -80,7 +49,8 @@ pub(crate) struct FrameRules {
 }
 
 impl OpenRequest {
-    pub(crate) fn new(incoming: Incoming, lender: Arc<ReplyLender>) -> Self {
+    /// Of a request whose answer may have so many bytes.
+    pub(crate) fn new(incoming: Incoming, limit_bytes: u64) -> Self {
         let taken_at = Instant::now();
         let header = incoming.request.header();
         let fields = ReplyFields {
@@ -95,7 +65,7 @@ impl OpenRequest {
             taken_at,
             scene: SceneSections::EMPTY,
             loan: None,
-            lender,
+            limit_bytes,
             keep: None,
             rules: None,
             world_ranges: None,
@@ -116,7 +86,7 @@ impl OpenRequest {
     }
 
     pub(crate) fn limit_words(&self) -> u64 {
-        self.lender.limit_bytes / WORD_BYTES
+        self.limit_bytes / WORD_BYTES
     }
 
     pub(crate) fn limit_pairs(&self) -> u64 {
@@ -133,13 +103,14 @@ impl OpenRequest {
     }
 
     pub(crate) fn parts(&mut self) -> (Objects<'_>, LoanReply<'_>) {
-        let Self { incoming, scene, loan, lender, .. } = self;
-        (objects_at(&incoming.request, *scene), LoanReply { incoming, loan, lender })
+        let Self { incoming: Incoming { request, .. }, scene, loan, .. } = self;
+        let limit_bytes = self.limit_bytes;
+        (objects_at(request, *scene), LoanReply { request, loan, limit_bytes })
     }
 
     pub(crate) fn payload_and_reply(&mut self) -> (&[Page], LoanReply<'_>) {
-        let Self { incoming, loan, lender, .. } = self;
-        (incoming.request.pages(), LoanReply { incoming, loan, lender })
+        let Self { incoming: Incoming { request, .. }, loan, limit_bytes, .. } = self;
+        (request.pages(), LoanReply { request, loan, limit_bytes: *limit_bytes })
     }
 
     /// Keeps objects and answer where that is needed. The reply holds the mask.
@@ -180,38 +151,28 @@ impl OpenRequest {
     }
 
     pub(crate) fn words(&self) -> &[u32] {
-        self.loan.as_ref().map_or(&[], |loan| words_in(loan.payload()))
+        self.loan.as_ref().map_or(&[], |loan| words_in(loan.pages()))
     }
 
     pub(crate) fn words_mut(&mut self) -> &mut [u32] {
-        self.loan.as_mut().map_or(&mut [], |loan| words_in_mut(loan.payload_mut()))
+        self.loan.as_mut().map_or(&mut [], |loan| words_in_mut(loan.pages_mut()))
     }
 
-    /// Sends what was written, where somebody waits for it. Where nothing was written, one page goes with the header:
-    /// the transport has no empty payload.
-    pub(crate) fn send(&mut self, header: &ResponseHeader) -> Result<(), TransportError> {
+    /// Sends what was written, where somebody waits for it. Where nothing was written, one page goes with the header.
+    pub(crate) fn send(&mut self, header: &ResponseHeader) -> Result<(), ReserveError> {
         if self.loan.is_none() {
             let (_, mut reply) = self.parts();
-            reply.reserve(0).map_err(|e| TransportError::new("lending a response", &e))?;
+            reply.reserve(0)?;
         }
-        let Some(mut loan) = self.loan.take() else { return Ok(()) };
-        *loan.user_header_mut() = *header;
-        let request = self.incoming.request.request();
-        let sent = self.lender.turn.take(|| {
-            // The place of a disconnected client may be another's by now, whose own answer would find no room beside
-            // this one.
-            if !request.is_connected() {
-                drop(loan);
-                return Ok(());
-            }
-            loan.send()
-        });
-        sent.map_err(|e| TransportError::new("sending a response", &e))
+        if let Some(loan) = self.loan.take() {
+            self.request().answer(header, loan);
+        }
+        Ok(())
     }
 
-    pub(crate) fn close(self) {
-        let lender = Arc::clone(&self.lender);
-        lender.turn.take(|| drop(self));
+    /// Number of the segment that its objects lie in.
+    pub(crate) fn segment(&self) -> u64 {
+        self.request().segment()
     }
 
     fn request(&self) -> &CheckedRequest {
@@ -233,32 +194,27 @@ fn objects_at(request: &CheckedRequest, scene: SceneSections) -> Objects<'_> {
 }
 
 pub(crate) struct LoanReply<'a> {
-    incoming: &'a Incoming,
-    loan: &'a mut Option<ResponseLoan>,
-    lender: &'a ReplyLender,
+    request: &'a CheckedRequest,
+    loan: &'a mut Option<Chunk>,
+    limit_bytes: u64,
 }
 
 impl ReplyBuffer for LoanReply<'_> {
     fn limit_words(&self) -> u64 {
-        self.lender.limit_bytes / WORD_BYTES
+        self.limit_bytes / WORD_BYTES
     }
 
     fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError> {
-        let limit_bytes = self.lender.limit_bytes;
+        let limit_bytes = self.limit_bytes;
         let needed_bytes = words.saturating_mul(WORD_BYTES);
         if needed_bytes > limit_bytes {
             return Err(ReserveError::TooLarge { at_least_bytes: needed_bytes, limit_bytes });
         }
         let out_of_memory = ReserveError::OutOfMemory { needed_bytes };
         let pages = usize::try_from(page_count(needed_bytes)).map_err(|_| out_of_memory)?;
-        let loan = self.lender.turn.take(|| {
-            // A request has one loan at a time: the old one goes back first.
-            *self.loan = None;
-            self.incoming.request.request().loan_slice_uninit(pages)
-        });
-        let mut loan = assume_response_pages(loan.map_err(|_| out_of_memory)?);
-        let session = self.incoming.sender.session;
-        self.lender.memory.ensure(loan.payload_mut(), session).map_err(|_| out_of_memory)?;
-        Ok(words_in_mut(self.loan.insert(loan).payload_mut()))
+        // The old memory goes back first.
+        *self.loan = None;
+        let loan = self.request.lend(pages).map_err(|_| out_of_memory)?;
+        Ok(words_in_mut(self.loan.insert(loan).pages_mut()))
     }
 }

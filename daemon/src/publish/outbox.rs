@@ -7,7 +7,7 @@ use pairmask_core::dispatch::{CullAnswer, StageTimes};
 use pairmask_core::engine::CullReport;
 use pairmask_core::scene::{QueryFilterData, Reported};
 use pairmask_core::{BoxCount, BoxForm, ObjectForm};
-use pairmask_transport::{GpuCounts, Services, StatusFile};
+use pairmask_transport::{Door, GpuCounts, StatusFile};
 use pairmask_wire::{
     AuditCounts, LAST_ERRORS, RecordedError, ReplyFields, ResponseHeader, SkipTotals, StatusBody,
     StatusCode, response_error, response_ok,
@@ -24,7 +24,7 @@ use crate::requests::Served;
 pub type AlterAnswer = fn(&mut [u32], &mut CullReport);
 
 pub(crate) struct Outbox {
-    services: Arc<Services>,
+    door: Arc<Door>,
     pub(crate) clients: Clients,
     counters: Mutex<Counters>,
     pub(crate) auditor: Arc<Auditor>,
@@ -34,7 +34,7 @@ pub(crate) struct Outbox {
 
 impl Outbox {
     pub(crate) fn new(
-        services: Arc<Services>,
+        door: Arc<Door>,
         clients: Clients,
         auditor: Arc<Auditor>,
         scene_memory: SceneMemory,
@@ -43,17 +43,15 @@ impl Outbox {
         let body = StatusBody { pid: std::process::id(), ..StatusBody::default() };
         let (start, skips) = (Instant::now(), SkipTotals::default());
         let counters = Mutex::new(Counters { start, body, skips });
-        Self { services, clients, counters, auditor, scene_memory, alter_answers }
+        Self { door, clients, counters, auditor, scene_memory, alter_answers }
     }
 
-    pub(crate) fn sessions(&self) -> Vec<u128> {
-        let mut sessions = Vec::new();
-        self.services.for_each_sender(|sender| sessions.push(sender.session));
-        sessions
+    pub(crate) fn sessions(&self) -> Vec<u64> {
+        self.door.sessions()
     }
 
     pub(crate) fn status(&self) -> StatusBody {
-        let (clients, audit) = (self.services.client_count(), self.auditor.counts());
+        let (clients, audit) = (self.door.client_count(), self.auditor.counts());
         locked(&self.counters).body(clients, audit, self.scene_memory.used())
     }
 
@@ -177,16 +175,14 @@ impl Outbox {
             Ok(header) => self.send(&mut open, &header),
             Err(refusal) => self.refuse(&mut open, &refusal),
         }
-        open.close();
+        drop(open);
     }
 
     pub(crate) fn send(&self, open: &mut OpenRequest, header: &ResponseHeader) {
-        // Where there is no memory for one page, or the client has disconnected, no response can be sent: the
-        // client's deadline ends its wait.
+        // Where there is no memory for one page, the client's deadline ends its wait.
         if let Err(error) = open.send(header) {
             log::debug!("sending a response: {error}");
         }
-        self.clients.wake(open.sender, open.fields.client_token);
     }
 }
 

@@ -55,8 +55,9 @@ impl Culls {
         }
     }
 
-    pub(super) fn tidy(&self) {
-        self.lines.iter().for_each(|line| line.gpu.tidy());
+    /// Segments of clients, by their numbers, are mapped: what is known of others ends.
+    pub(super) fn tidy(&self, segments: &[u64]) {
+        self.lines.iter().for_each(|line| line.gpu.tidy(segments));
         self.filters.tidy();
     }
 
@@ -140,7 +141,7 @@ impl Culls {
             let (gpu, answer) = self.filters.cull_between(&mut open, &sets, engines);
             return Served { gpu, ..self.publish(open, Some(first), answer) };
         }
-        let sender = open.sender;
+        let owner = Owner::Client(open.segment());
         let limit_words = open.limit_words();
         let mut seen = Seen::New;
         if request.may_repeat {
@@ -175,13 +176,11 @@ impl Culls {
         let boxes = match open.parts() {
             (Objects::Boxes(boxes), _) => boxes,
             (Objects::Spheres(_), _) => {
-                let owner = Owner::Client(sender.port);
                 let answer = engines.run_spheres(owner, options, &mut open);
                 open.keep = engines.ticket(is_alike);
                 return self.publish(open, None, answer);
             }
         };
-        let owner = Owner::Client(sender.port);
         let planned = engines.plan_beside(beside_others, boxes, options, limit_words);
         if let Some(rules) = rules.filter(|_| !planned.is_gpu()) {
             open.keep = engines.ticket(is_alike);
@@ -238,7 +237,7 @@ impl Culls {
         (options, is_alike, gpu): (&CullOptions, bool, GpuNeed),
         engines: &mut Executor,
     ) -> Served {
-        let owner = Owner::Client(open.sender.port);
+        let owner = Owner::Client(open.segment());
         open.keep = engines.ticket(is_alike);
         let answer = filtered::cull_there(&mut open, engines, frame, owner, options);
         Served { gpu, ..self.finish(open, answer, RunsOn::of(options)) }
@@ -346,7 +345,7 @@ impl Culls {
             }
             Err(error) => self.outbox.refuse(&mut open, &error.into()),
         }
-        open.close();
+        drop(open);
         Served { threads, on_gpu, ..Served::BEGUN }
     }
 

@@ -116,7 +116,7 @@ impl MaskFilters {
         let Some(planned) = sets.plan_for_gpu(open, engines) else {
             return (GpuNeed::None, sets.cull_here(open, engines));
         };
-        let owner = Owner::Client(open.sender.port);
+        let owner = Owner::Client(open.segment());
         let answer = match engines.run(planned, owner, open) {
             Ok(mut answer) => {
                 let (n, threads) = (open.fields.box_count, sets.options.threads.unwrap_or(1));

@@ -16,7 +16,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use pairmask_core::engine::CullError;
-use pairmask_transport::{FreeChunks, PortTurn, Services, WakeClient};
+use pairmask_transport::Door;
 use pairmask_wire::{CullRequest, PAGE_BYTES, Request, StatusBody, response_status};
 
 use self::asked::Asked;
@@ -27,8 +27,12 @@ use crate::audit::Auditor;
 use crate::clients::{Clients, SceneMemory};
 use crate::execute::{EnginePool, Executor};
 use crate::ingest::Incoming;
-use crate::publish::{OpenRequest, Outbox, ReplyLender};
+use crate::publish::{OpenRequest, Outbox};
 use crate::serve::{ServeError, ServeSettings};
+
+/// Memory of answers that none of this time needed is given back: longer than a game's menus or a level that loads,
+/// as with the engines' scratch. That of a disconnected client is given back at once.
+const IDLE: Duration = Duration::from_secs(10);
 
 const _: () = assert!(size_of::<StatusBody>() <= PAGE_BYTES, "a status fits one page");
 
@@ -48,7 +52,9 @@ pub struct Responder {
     scenes: SceneEdits,
     shared: SharedScenes,
     pub(crate) outbox: Arc<Outbox>,
-    lender: Arc<ReplyLender>,
+    door: Arc<Door>,
+    /// Of an answer.
+    limit_bytes: u64,
 }
 
 /// Threads of so many that a request may have, where its client asks for some.
@@ -79,20 +85,18 @@ impl Served {
 impl Responder {
     /// Sessions get engines like `executor`; large frames are culled in `pool`.
     pub fn new(
-        services: Arc<Services>,
-        (turn, free): (Arc<PortTurn>, Option<FreeChunks>),
-        wake_clients: WakeClient,
+        door: Arc<Door>,
         settings: &ServeSettings,
         executor: Executor,
         pool: Arc<EnginePool>,
         auditor: Auditor,
     ) -> Result<Self, ServeError> {
         let limits = &settings.daemon.limits;
-        let clients = Clients::new(wake_clients, limits.max_clients);
+        let clients = Clients::new(limits.max_clients);
         let memory = SceneMemory::new(limits.max_scene_bytes);
         let auditor = Arc::new(auditor);
         let alter = settings.alter_answers;
-        let outbox = Outbox::new(services, clients, Arc::clone(&auditor), memory.clone(), alter);
+        let outbox = Outbox::new(Arc::clone(&door), clients, Arc::clone(&auditor), memory.clone(), alter);
         let outbox = Arc::new(outbox);
         let (isa, calibration) = executor.cpu_settings();
         let tools = SceneTools {
@@ -108,7 +112,8 @@ impl Responder {
             scenes: SceneEdits { tools, outbox: Arc::clone(&outbox) },
             culls: Culls::new(executor, pool, Arc::clone(&outbox)),
             outbox,
-            lender: Arc::new(ReplyLender::new(turn, free, limits.max_reply_bytes)),
+            door,
+            limit_bytes: limits.max_reply_bytes,
         })
     }
 
@@ -136,7 +141,7 @@ impl Responder {
         incoming: Incoming,
         threads: usize,
     ) -> Result<(OpenRequest, CullRequest), Served> {
-        let mut open = OpenRequest::new(incoming, Arc::clone(&self.lender));
+        let mut open = OpenRequest::new(incoming, self.limit_bytes);
         match open.parse() {
             Ok(Request::Cull(request)) => return Ok((open, request)),
             Ok(Request::EditScene(request)) => {
@@ -170,7 +175,7 @@ impl Responder {
             },
             Err(reject) => self.outbox.refuse(&mut open, &reject.into()),
         }
-        open.close();
+        drop(open);
         Err(Served::OTHER)
     }
 
@@ -182,9 +187,9 @@ impl Responder {
     }
 
     pub fn tidy(&self) {
-        self.culls.tidy();
+        self.culls.tidy(&self.door.segments());
         self.outbox.clients.tidy(|| self.outbox.sessions());
         self.shared.tidy();
-        self.lender.tidy(&self.outbox.sessions(), |range| self.culls.release_reply(range));
+        self.door.tidy(IDLE, |range| self.culls.release_reply(range));
     }
 }

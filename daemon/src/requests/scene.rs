@@ -115,7 +115,7 @@ impl SceneEdits {
         if let Err(refusal) = &done {
             self.outbox.refuse(&mut open, refusal);
         }
-        open.close();
+        drop(open);
         Served { threads, on_gpu: gpu != GpuNeed::None, gpu, ..Served::BEGUN }
     }
 
@@ -125,7 +125,7 @@ impl SceneEdits {
         self.outbox.send(open, &header);
     }
 
-    fn find(&self, session: u128, request: &SceneRequest) -> Result<SessionScene, Refusal> {
+    fn find(&self, session: u64, request: &SceneRequest) -> Result<SessionScene, Refusal> {
         if request.base == 0 {
             drop(self.outbox.clients.take_scene(session, request.scene));
             let scene = self.tools.new_scene(request.most_boxes, request.engine)?;
@@ -145,7 +145,7 @@ impl SceneEdits {
 
     pub(super) fn find_at(
         &self,
-        session: u128,
+        session: u64,
         scene: SceneId,
         revision: u64,
     ) -> Result<SessionScene, Refusal> {

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use pairmask_transport::{BEAT_INTERVAL, Heartbeat, RuntimeDir, Stillness, no_files_left};
+use pairmask_transport::{BEAT_INTERVAL, Heartbeat, RuntimeDir, Stillness};
 use pairmask_wire::InstanceName;
 use rustix::thread::gettid;
 
@@ -22,47 +22,34 @@ const LOOK_INTERVAL: Duration = Duration::from_millis(500);
 /// twice a second, and a frame that is under way on a GPU is looked at all the time.
 const HANGS_AFTER: Duration = Duration::from_secs(10);
 
-/// A worker that had no file for a client counts as full for this long: more than such a client takes to look.
-const FULL_FOR: Duration = Duration::from_secs(1);
-
 pub(super) struct Beating {
     /// Rounds of the worker threads: one that looks for requests counts them.
     pub(super) rounds: Arc<AtomicU64>,
-    /// Where the server port notes that it had no file to connect to a client.
-    pub(super) has_no_files: Arc<AtomicBool>,
     _thread: StoppedThread,
 }
 
 impl Beating {
     pub(super) fn start(dir: &RuntimeDir, instance: &InstanceName) -> Result<Self, ServeError> {
         let heart = Heartbeat::start(dir, instance)?;
-        let (rounds, has_no_files) = (Arc::default(), Arc::default());
-        let (counted, lacked) = (Arc::clone(&rounds), Arc::clone(&has_no_files));
+        let rounds = Arc::default();
+        let counted = Arc::clone(&rounds);
         let name = instance.clone();
-        let work = move |stop: &AtomicBool| beat(heart, &counted, &lacked, stop, &name);
+        let work = move |stop: &AtomicBool| beat(heart, &counted, stop, &name);
         let thread = StoppedThread::start("heartbeat", "starting the heartbeat", work)?;
-        Ok(Self { rounds, has_no_files, _thread: thread })
+        Ok(Self { rounds, _thread: thread })
     }
 }
 
 fn beat(
     mut heart: Heartbeat,
     rounds: &AtomicU64,
-    has_no_files: &AtomicBool,
     stop: &AtomicBool,
     instance: &InstanceName,
 ) {
     let (mut workers, mut look_at, mut is_reported) = (watch_workers(), Instant::now(), false);
-    let (mut last_round, mut full_until) = (0, None);
+    let mut last_round = 0;
     while !stop.load(Ordering::Relaxed) {
-        if has_no_files.swap(false, Ordering::Relaxed) {
-            let now = Instant::now();
-            let is_news = full_until.replace(now + FULL_FOR).is_none_or(|until| until < now);
-            if let Some(limit) = no_files_left().filter(|_| is_news) {
-                log::error!("new clients are not served: {limit}");
-            }
-        }
-        if let Err(error) = heart.beat(full_until.is_some_and(|until| Instant::now() < until))
+        if let Err(error) = heart.beat()
             && !std::mem::replace(&mut is_reported, true)
         {
             log::warn!(

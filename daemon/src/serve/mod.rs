@@ -5,7 +5,7 @@
 //! itself because it hangs; clients answer their frames in process meanwhile and come back by themselves.
 
 mod heartbeat;
-mod janitor;
+mod status_writer;
 mod supervisor;
 mod worker;
 mod worker_threads;
@@ -22,7 +22,7 @@ use std::time::Duration;
 
 use pairmask_core::engine::AvailableIsa;
 use pairmask_core::usable_memory;
-use pairmask_transport::{LimitError, Limits, RuntimeDir, TransportError};
+use pairmask_transport::{Limits, RuntimeDir, TransportError};
 use pairmask_wire::{InstanceError, InstanceName};
 
 use crate::audit::AuditRate;
@@ -156,14 +156,6 @@ pub enum ServeError {
         "the supervisor, process {supervisor}, has exited: its worker does not serve without it"
     )]
     Orphaned { supervisor: u32 },
-    /// A process without a supervisor, or one that does not die, still has the server port.
-    #[error(
-        "process {pid} ({name}) still serves instance '{instance}' and does not exit: end it \
-         (kill -9 {pid}) and serve again"
-    )]
-    Blocked { instance: InstanceName, pid: u32, name: String },
-    #[error(transparent)]
-    Limit(#[from] LimitError),
     #[error(
         "{clients} clients need up to {needed} open files, and a process may have {limit} (RLIMIT_NOFILE): raise the hard limit (`ulimit -Hn`){}",
         if *fit > 0 { format!(", or serve with --max-clients {fit}") } else { String::new() }

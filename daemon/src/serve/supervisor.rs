@@ -19,7 +19,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use pairmask_transport::{
-    DaemonWatch, InstanceLock, Stillness, clean_if_abandoned, raise_file_limit, remove_hollow_files,
+    DaemonWatch, InstanceLock, Stillness, raise_file_limit,
 };
 use pairmask_wire::InstanceError;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -51,8 +51,9 @@ const LISTS_WITHIN: Duration = Duration::from_secs(60);
 
 /// Open files of a worker without clients: pipes, ports, devices and engines.
 const OWN_FILES: u64 = 128;
-/// Open files of a worker for each client: eight with its second port, and two to spare.
-pub const FILES_PER_CLIENT: u64 = 10;
+/// Open files of a worker for each client: its socket, what wakes either side, segments that grow, and what the
+/// transport needs for the answers' memory.
+pub const FILES_PER_CLIENT: u64 = 16;
 
 /// Serves an instance until SIGINT or SIGTERM. A worker that crashes is no error.
 pub fn supervise(settings: &ServeSettings) -> Result<(), ServeError> {
@@ -60,7 +61,6 @@ pub fn supervise(settings: &ServeSettings) -> Result<(), ServeError> {
     let _lock = acquire(settings)?;
     let result = keep_working(settings);
     settings.dir.remove_record(&settings.instance);
-    clean_if_abandoned(&settings.dir, &settings.instance)?;
     result
 }
 
@@ -248,7 +248,6 @@ fn watch(
         }
         let now = Instant::now();
         let begins_late = start.as_mut().is_some_and(|start| {
-            remove_hollow_files(&settings.dir, &settings.instance);
             start.look(Some(0), now) > starts_within
         });
         let beats = heart.beats(settings);

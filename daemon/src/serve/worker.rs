@@ -4,8 +4,9 @@
 //! faster.
 
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::nanoseconds_since;
@@ -13,31 +14,24 @@ use pairmask_core::engine::{AvailableIsa, CullError, CullInput, HeapReply, cpu_e
 use pairmask_core::plan::{Calibration, SceneStats};
 use pairmask_core::{Aabb, BoxCount, Encoding, EngineName, MaskView};
 use pairmask_transport::{
-    DaemonRecord, FreeChunks, GpuCounts, LimitError, Limits, PortTurn, SegmentFiles, Server,
-    Services, StatusFile, address_space_left, clean_if_abandoned, process_name,
-    quiet_transport_log, segment_file,
+    DaemonRecord, Door, GpuCounts, StatusFile, quiet_transport_log, remove_left_files,
+    survive_cut_memory,
 };
 use pairmask_wire::{SkipTotals, StatusBody, Version};
 use rustix::process::Signal;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 use super::heartbeat::Beating;
-use super::janitor::{Janitor, clean_up};
+use super::status_writer::StatusWriter;
 use super::worker_threads::WorkerThreads;
-use super::{DaemonSettings, ServeError, ServeSettings};
+use super::{ServeError, ServeSettings};
 use crate::audit::Auditor;
 use crate::execute::gpu::{DEFAULT_HOLD, GpuChoices, IfMissing, OpenError};
 use crate::execute::{EnginePool, Executor, GpuService};
 use crate::ingest::Intake;
 use crate::locked;
-use crate::requests::Responder;
+use crate::requests::{EndWithPanic, Responder};
 use crate::scene::{Scene, SceneName};
-
-/// How long a predecessor may take to die. A daemon that has none to wait for starts at once.
-const PREDECESSOR_DIES: Duration = Duration::from_secs(2);
-/// The least mask that is worth serving: a dense one of 4,000 boxes.
-const LEAST_REPLY_BYTES: u64 = 1 << 20;
-const PREDECESSOR_LOOK: Duration = Duration::from_millis(10);
 
 /// Serves an instance until SIGINT or SIGTERM, or until its parent, `supervisor`, ends.
 pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError> {
@@ -49,9 +43,7 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     }
     bind_to(supervisor)?;
     let beating = Beating::start(&settings.dir, &settings.instance)?;
-    let limits = limits_that_fit(&settings.daemon.limits)?;
-    let daemon = DaemonSettings { limits, ..settings.daemon.clone() };
-    let settings = &ServeSettings { daemon, ..settings.clone() };
+    survive_cut_memory().map_err(ServeError::system("installing a signal handler"))?;
     let daemon = &settings.daemon;
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let threads = daemon.threads.map_or(cores, usize::from).min(cores);
@@ -65,16 +57,10 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
         .map_err(ServeError::system("starting a thread"))?;
     let missing = Arc::new(Mutex::new(None));
     let gpus = open_gpus(settings, &missing, &stop);
-    let (janitor, services) = open_services(settings, &beating.rounds)?;
-    let server = open_server(&services, settings, &beating.has_no_files)?;
-    if let Some(file) = segment_file(&settings.dir, &settings.instance, server.id().value()) {
-        janitor.watch_over(file);
-    }
-    let mut early = Vec::new();
-    let free = FreeChunks::of(&services, &server, limits.max_reply_bytes, &mut early)
-        .inspect_err(|error| log::error!("memory of replies will not be given back: {error}"))
-        .ok();
-    let (wake, wake_clients) = services.wake_ports()?;
+    remove_left_files(&settings.dir, &settings.instance);
+    let writer = StatusWriter::start(&settings.dir, &settings.instance, Arc::clone(&beating.rounds))?;
+    let door = Door::open(&settings.dir, &settings.instance, daemon.limits.max_clients)?;
+    let (door, porter) = attended(door)?;
     let record = DaemonRecord {
         worker_pid: std::process::id(),
         supervisor_pid: supervisor,
@@ -93,20 +79,10 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     let executor = Executor::new(gpus).with_engines(isa, calibration);
     let auditor =
         Auditor::start(daemon.audit).map_err(ServeError::system("starting the auditor"))?;
-    let (services, turn) = (Arc::new(services), Arc::new(PortTurn::default()));
-    let files = SegmentFiles::new(&settings.dir, &settings.instance);
-    let intake = Intake::new(server, Arc::clone(&turn), Arc::clone(&services), files, early);
-    let responder = Responder::new(
-        services,
-        (turn, free),
-        wake_clients,
-        settings,
-        executor,
-        Arc::clone(&pool),
-        auditor,
-    )?;
-    let threads =
-        WorkerThreads::new(intake, wake, responder, pool.threads(), settings, &janitor, &stop);
+    let responder =
+        Responder::new(Arc::clone(&door), settings, executor, Arc::clone(&pool), auditor)?;
+    let intake = Intake::new(Arc::clone(&door));
+    let threads = WorkerThreads::new(intake, responder, pool.threads(), settings, &writer, &stop);
     threads.run()?;
     // Without a record it is no worker that died: the supervisor waits for its status.
     settings.dir.remove_record(&settings.instance);
@@ -114,7 +90,9 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     drop(beating);
     // Its threads may have used the devices, which are closed now: until then they stay (`gpu::slot`).
     drop(pool);
-    drop(janitor);
+    drop(writer);
+    door.end();
+    porter.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
     if let Some(error) = locked(&missing).take() {
         // The supervisor takes a worker without a record for one that never served, and ends with its message.
         return Err(error.into());
@@ -132,75 +110,20 @@ fn bind_to(supervisor: u32) -> Result<(), ServeError> {
     if parent == supervisor { Ok(()) } else { Err(ServeError::Orphaned { supervisor }) }
 }
 
-/// Limits whose replies fit the address space that batch queues and service managers allow.
-fn limits_that_fit(asked: &Limits) -> Result<Limits, LimitError> {
-    let Some(left) = address_space_left() else { return Ok(*asked) };
-    // The other half is for engines, scenes and clients' segments.
-    let limits = asked.within(left / 2);
-    if limits.max_reply_bytes < LEAST_REPLY_BYTES.min(asked.max_reply_bytes) {
-        let (bytes, limit) = (asked.address_space(), left);
-        return Err(LimitError::AddressSpace { bytes, limit });
-    }
-    if limits != *asked {
-        log::warn!(
-            "the largest mask is {} MiB and not {}: this process may use {} MiB of address space (RLIMIT_AS, `ulimit -v`)",
-            limits.max_reply_bytes >> 20,
-            asked.max_reply_bytes >> 20,
-            left >> 20,
-        );
-    }
-    Ok(limits)
-}
-
-/// The services. A predecessor that was killed while it made them left half of them, which can be taken
-/// away as soon as it has died, and as long as we have no part in them.
-fn open_services(
-    settings: &ServeSettings,
-    rounds: &Arc<AtomicU64>,
-) -> Result<(Janitor, Services), ServeError> {
-    let give_up_at = Instant::now() + PREDECESSOR_DIES;
-    loop {
-        clean_if_abandoned(&settings.dir, &settings.instance)?;
-        settings.dir.ensure_transport_root(&settings.instance)?;
-        let janitor = Janitor::start(&settings.dir, &settings.instance, Arc::clone(rounds))?;
-        match Services::serve(&settings.dir, &settings.instance, &settings.daemon.limits) {
-            Ok(services) => return Ok((janitor, services)),
-            Err(error) if Instant::now() < give_up_at => {
-                log::debug!("waiting for what a predecessor began: {error}");
-                drop(janitor);
-                std::thread::sleep(PREDECESSOR_LOOK);
-            }
-            Err(error) => return Err(error.into()),
+/// A thread lets clients in, from now on.
+fn attended(door: Door) -> Result<(Arc<Door>, JoinHandle<()>), ServeError> {
+    let door = Arc::new(door);
+    let attends = Arc::clone(&door);
+    let attend = move || {
+        let _end = EndWithPanic;
+        if let Err(error) = attends.attend() {
+            // Nobody would be let in any more: the supervisor starts another worker.
+            log::error!("{error}");
+            std::process::abort();
         }
-    }
-}
-
-/// The server port. A predecessor's may still be registered, and there can be one only: one that was
-/// killed with its supervisor takes a moment to die, and can be cleaned up only then.
-fn open_server(
-    services: &Services,
-    settings: &ServeSettings,
-    has_no_files: &Arc<AtomicBool>,
-) -> Result<Server, ServeError> {
-    let give_up_at = Instant::now() + PREDECESSOR_DIES;
-    loop {
-        clean_up(services.owner());
-        match services.server(&settings.daemon.limits, has_no_files) {
-            Err(error) if Instant::now() < give_up_at => {
-                log::debug!("waiting for a predecessor to go: {error}");
-                std::thread::sleep(PREDECESSOR_LOOK);
-            }
-            Err(error) => {
-                let blocked = |process| ServeError::Blocked {
-                    instance: settings.instance.clone(),
-                    pid: process,
-                    name: process_name(process),
-                };
-                return Err(services.serving_process().map_or(error.into(), blocked));
-            }
-            Ok(server) => return Ok(server),
-        }
-    }
+    };
+    let thread = std::thread::Builder::new().name("door".into()).spawn(attend);
+    Ok((door, thread.map_err(ServeError::system("starting a thread"))?))
 }
 
 /// Files of GPUs that drivers make: of render nodes, NVIDIA's, AMD's, and WSL's.

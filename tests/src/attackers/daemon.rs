@@ -1,24 +1,21 @@
-//! A daemon that states lengths of answers beyond its memory.
+//! A daemon that states places of answers beyond its memory.
 
 use std::error::Error;
 use std::time::Duration;
 
 use pairmask_core::mask::Encoding;
+use pairmask_wire::board::Placed;
 use pairmask_wire::{
     RESPONSE_MAGIC, ResponseHeader, Section, SectionKind, StatusCode, VERSION_MAJOR, VERSION_MINOR,
 };
 
-use super::raw::{dice, word, write};
+use super::raw::{dice, write};
 use super::{Tally, Until, serve, while_they_alternate};
-
-/// Word of the number of pages in the transport's header of a response.
-const PAGE_COUNT: usize = 5;
-/// Pages that an answer really has.
-const PAGES: u64 = 1;
 
 pub fn attack(until: &Until, tally: &mut Tally) -> Result<(), Box<dyn Error>> {
     let mut dice = dice();
-    serve(until, tally, |asked, mut loan, send| {
+    serve(until, tally, |mut request| {
+        let asked = request.header;
         let pairs = u64::from(asked.box_count) * (u64::from(asked.box_count) - 1) / 2;
         let bytes = pairs.div_ceil(32) * 4;
         let mut header = ResponseHeader {
@@ -35,20 +32,21 @@ pub fn attack(until: &Until, tally: &mut Tally) -> Result<(), Box<dyn Error>> {
             ..ResponseHeader::default()
         };
         header.sections[0] = Section::required(SectionKind::DenseWords, 0, bytes);
-        *loan.user_header_mut() = header;
-        let pages = word(loan.header(), PAGE_COUNT);
-        let forged = match dice.below(4) {
+        let right = request.placed;
+        let pages = match dice.below(4) {
             0 => u64::MAX,
             1 => (1 << 52) + bytes.div_ceil(4096),
             _ => bytes.div_ceil(4096),
         };
-        write(pages, forged);
-        if !send(loan) {
-            return;
-        }
-        // The length alternates between forged and true while clients read it. The memory is this
-        // process's as long as the port lives.
-        let states: [&(dyn Fn() + Sync); 2] = [&|| write(pages, PAGES), &|| write(pages, forged)];
+        request.placed = match dice.below(4) {
+            0 => Placed { segment: dice.below(u64::MAX), ..right },
+            1 => Placed { offset: dice.below(u64::MAX), ..right },
+            _ => Placed { pages, ..right },
+        };
+        request.answer(header);
+        // The length alternates between forged and true while clients read it.
+        let at = request.board.entry(request.place) + 16;
+        let states: [&(dyn Fn() + Sync); 2] = [&|| write(at, right.pages), &|| write(at, pages)];
         while_they_alternate(dice.below(2) > 0, states, || {
             std::thread::sleep(Duration::from_millis(1));
         });

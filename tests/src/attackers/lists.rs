@@ -17,8 +17,8 @@ pub const PAIRS: u64 = 512;
 
 pub(super) fn attack(until: &Until, tally: &mut Tally) -> Result<(), Box<dyn Error>> {
     let mut dice = dice();
-    serve(until, tally, |asked, mut loan, send| {
-        let list = loan.payload_mut().as_ptr() as usize;
+    serve(until, tally, |request| {
+        let (asked, list) = (&request.header, request.page);
         let pair = |a: u64, b: u64| a | b << 32;
         let write_right = || {
             for number in 0..PAIRS {
@@ -34,14 +34,10 @@ pub(super) fn attack(until: &Until, tally: &mut Tally) -> Result<(), Box<dyn Err
             times: EngineTimes::default(),
         };
         let times = StageTimes::default();
-        *loan.user_header_mut() =
-            response_ok(&fields_of(asked), EngineName::CpuBrute, 1, &report, &times);
+        let header = response_ok(&fields_of(asked), EngineName::CpuBrute, 1, &report, &times);
         let box_count = u64::from(asked.box_count);
-        if !send(loan) {
-            return;
-        }
-        // Pairs and what is none in turn, while the client reads. The memory is this process's as long
-        // as the port lives.
+        request.answer(header);
+        // Pairs and what is none in turn, while the client reads.
         let end = Instant::now() + Duration::from_millis(2);
         while Instant::now() < end {
             for _ in 0..64 {

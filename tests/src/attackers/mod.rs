@@ -1,15 +1,13 @@
 //! Attacking processes: each attack is one file, run by the binary `attacker MODE` until its input
-//! ends. An attacker writes to memory that it has mapped as a client, as any process of the same
-//! user can.
+//! ends. An attacker writes to memory that it shares, and to the socket, what it likes.
 
 mod daemon;
 mod edits;
-mod identities;
 mod lengths;
 pub mod lists;
-mod once;
 mod queries;
 pub mod raw;
+mod ruin;
 mod rules;
 pub mod shared;
 mod tokens;
@@ -17,22 +15,20 @@ mod tokens;
 use std::collections::BTreeMap;
 use std::error::Error;
 use std::io::Read;
-use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use bytemuck::cast_slice_mut;
 use pairmask_core::engine::EngineChoice;
 use pairmask_core::scene::Report;
-use pairmask_transport::{Limits, ResponseLoan, RuntimeDir};
+use pairmask_transport::{DaemonRecord, RuntimeDir};
 use pairmask_wire::{
     EditLayout, InstanceName, Page, RequestHeader, ResponseHeader, SceneId, SceneRequest, Version,
 };
 use pairmaskd::scene::Random;
 
-use self::raw::{RawClient, answer, dice, write};
-use crate::refuser;
+use self::raw::{RawClient, RawRequest, dice, write};
 
 pub type Tally = BTreeMap<String, u64>;
 
@@ -89,14 +85,14 @@ impl Forging {
         ) -> Option<RequestHeader>,
     ) {
         let mut dice = dice();
-        while let Some(client) = RawClient::reconnect(self.token, self.pages, until) {
+        while let Some(client) = RawClient::reconnect(self.pages, until) {
             let mut last = None;
             for number in 0..self.requests {
                 if until.is_over() {
                     return;
                 }
-                let Some(mut loan) = client.loan(self.pages) else { break };
-                let payload = loan.payload_mut();
+                let Some(mut loan) = client.loan() else { break };
+                let payload = loan.pages_mut();
                 let drawn = draw(&client, &mut dice, payload, number, last.as_ref());
                 let Some(mut header) = drawn else { continue };
                 let is_forged = dice.below(4) < self.forged_of_four;
@@ -104,8 +100,8 @@ impl Forging {
                     self.forge(&mut header, payload, &mut dice);
                 }
                 let (bytes, address) = (size_of_val(payload) as u64, payload.as_ptr() as usize);
-                *loan.user_header_mut() = header;
-                let Some(pending) = client.send(loan) else { break };
+                loan.header = header;
+                let pending = client.send(loan);
                 if self.given_up > 0 && dice.below(self.given_up) == 0 {
                     count(tally, "given up");
                     continue;
@@ -116,7 +112,7 @@ impl Forging {
                         write(address + 8 * dice.below(bytes / 8) as usize, value);
                     }
                 }
-                let Some(answered) = answer(&pending, Duration::from_secs(2)) else {
+                let Some(answered) = pending.answer(Duration::from_secs(2)) else {
                     count(tally, "unanswered");
                     break;
                 };
@@ -194,23 +190,19 @@ fn while_they_alternate<R>(
 fn serve(
     until: &Until,
     tally: &mut Tally,
-    mut answer: impl FnMut(&RequestHeader, ResponseLoan, &mut dyn FnMut(ResponseLoan) -> bool),
+    mut answer: impl FnMut(RawRequest),
 ) -> Result<(), Box<dyn Error>> {
-    let dir = RuntimeDir::from_env();
-    let limits = Limits { max_reply_bytes: 4096, ..Limits::default() };
+    let (dir, name, pid) = (RuntimeDir::from_env(), InstanceName::default(), std::process::id());
     dir.ensure()?;
-    let is_over = || until.is_over();
-    refuser::serve(Version::CURRENT, &dir, &limits, is_over, |asked, loan, send| {
-        answer(asked, loan, &mut |loan| {
-            let is_sent = send(loan);
-            if is_sent {
-                count(tally, "rounds");
-            }
-            is_sent
-        });
-    })?;
-    dir.remove_record(&InstanceName::default());
-    Ok(())
+    let record =
+        DaemonRecord { worker_pid: pid, supervisor_pid: pid, version: Version::CURRENT };
+    dir.write_record(&name, &record)?;
+    let served = raw::serve(&dir, || until.is_over(), |request| {
+        answer(request);
+        count(tally, "rounds");
+    });
+    dir.remove_record(&name);
+    served.ok_or_else(|| "the socket cannot be served".into())
 }
 
 /// Attacks in a mode until the input ends, and prints the counts: `name=count` a line.
@@ -221,11 +213,8 @@ pub fn run(mode: &str) -> Result<(), Box<dyn Error>> {
         "tokens" => tokens::attack(1, true, &until, &mut tally),
         "ports" => tokens::attack(8, false, &until, &mut tally),
         "lengths" => lengths::attack(&until, &mut tally),
-        "channels" | "scribble" | "truncate" => repeat_in_children(mode, &until, &mut tally)?,
-        "channels-once" => once::channels(&mut tally),
-        "scribble-once" => once::scribble(&mut tally),
-        "truncate-once" => once::truncate(&mut tally),
-        "identities" => identities::attack(&until, &mut tally),
+        "scribble" => ruin::scribble(&until, &mut tally),
+        "truncate" => ruin::truncate(&until, &mut tally),
         "daemon" => daemon::attack(&until, &mut tally)?,
         "edits" => edits::attack(&until, &mut tally),
         "rules" => rules::attack(&until, &mut tally),
@@ -239,39 +228,6 @@ pub fn run(mode: &str) -> Result<(), Box<dyn Error>> {
     }
     Ok(())
 }
-
-/// Runs each round in a child process, for attacks that break the attacker's own memory. The daemon
-/// cleans up after the children.
-fn repeat_in_children(mode: &str, until: &Until, tally: &mut Tally) -> Result<(), Box<dyn Error>> {
-    let binary = std::env::current_exe()?;
-    while !until.is_over() {
-        let mut child = Command::new(&binary)
-            .arg(format!("{mode}-once"))
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()?;
-        let started = Instant::now();
-        while child.try_wait()?.is_none() {
-            if started.elapsed() > CHILD_TIMEOUT {
-                child.kill()?;
-                count(tally, "killed");
-            }
-            std::thread::sleep(Duration::from_millis(2));
-        }
-        let mut said = String::new();
-        if let Some(mut output) = child.stdout.take() {
-            output.read_to_string(&mut said)?;
-        }
-        for (name, counted) in said.lines().filter_map(|line| line.split_once('=')) {
-            *tally.entry(name.to_owned()).or_default() += counted.parse::<u64>()?;
-        }
-    }
-    Ok(())
-}
-
-/// A child that runs longer hangs in memory that it broke itself; a round takes a tenth of this.
-const CHILD_TIMEOUT: Duration = Duration::from_secs(2);
 
 fn count(tally: &mut Tally, name: &str) {
     *tally.entry(name.to_owned()).or_default() += 1;

@@ -15,7 +15,7 @@ use pairmask_wire::{
 };
 use pairmaskd::scene::Random;
 
-use super::raw::{RawClient, answer};
+use super::raw::RawClient;
 use super::{Forging, Tally, Until, scene_request};
 
 /// Boxes of its scene, of a few queries, and of a frame.
@@ -36,12 +36,12 @@ fn edit(client: &RawClient, dice: &mut Random, revision: u64) -> Option<bool> {
     let steps = [Step::Set(Sets { indices: (0..BOXES).into(), boxes: &boxes })];
     let edit = Edit { steps: &steps };
     let layout = EditLayout::of(edit)?;
-    let mut loan = client.loan(FORGING.pages)?;
-    let _ = layout.write(edit, loan.payload_mut());
+    let mut loan = client.loan()?;
+    let _ = layout.write(edit, loan.pages_mut());
     let request = scene_request(dice, [SCENE.0, BOXES], [0, revision], &layout);
     let request = SceneRequest { report: Report::Nothing, ..request };
-    *loan.user_header_mut() = RequestHeader::edit_scene(FORGING.token, revision, &request);
-    let answered = answer(&client.send(loan)?, Duration::from_secs(2))?;
+    loan.header = RequestHeader::edit_scene(FORGING.token, revision, &request);
+    let answered = client.send(loan).answer(Duration::from_secs(2))?;
     Some(answered.status == 0)
 }
 

@@ -191,12 +191,12 @@ fn ready<T>(_held: T) -> Result<(), Box<dyn Error>> {
 /// Cuts every segment that this process maps for writing. Touching a frame afterwards kills this
 /// process.
 fn truncate_own_segments() -> Result<(), Box<dyn Error>> {
-    let maps = fs::read_to_string("/proc/self/maps")?;
     let mut cut = 0;
-    for line in maps.lines().filter(|line| line.contains(" rw-s ")) {
-        let path = line.split_whitespace().last().and_then(|path| path.strip_suffix(".data"));
-        if let Some(stem) = path {
-            OpenOptions::new().write(true).open(format!("{stem}.data"))?.set_len(0)?;
+    for file in fs::read_dir("/proc/self/fd")?.flatten() {
+        let target = fs::read_link(file.path()).unwrap_or_default();
+        // The daemon's cannot be opened for writing by a descriptor that only reads, where it is another user's.
+        if target.to_string_lossy().starts_with("/dev/shm/pairmask_") {
+            OpenOptions::new().write(true).open(file.path())?.set_len(0)?;
             cut += 1;
         }
     }

@@ -38,7 +38,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 fn ask(backend: Backend) -> Result<&'static str, Box<dyn Error>> {
     let mut session = match Session::builder().backend(backend).connect() {
         Ok(session) => session,
-        Err(ConnectError::OutOfMemory) => return Ok(REFUSED),
+        Err(ConnectError::OutOfMemory | ConnectError::DaemonFull { .. }) => return Ok(REFUSED),
         Err(error) => return Err(error.into()),
     };
     let mut boxes = [Aabb::EMPTY; BOXES];

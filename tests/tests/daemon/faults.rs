@@ -1,21 +1,20 @@
 //! Processes that die, hang or forge messages, and limits that they meet. The other side goes on with right answers.
 
-use std::io::ErrorKind;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
 use pairmask::SceneOptions;
 use pairmask_core::objects::ObjectForm;
+use pairmask_tests::attackers::raw::RawClient;
 use pairmask_tests::daemon::{outlive_kills, program, stop};
 use pairmask_tests::fault_client::FaultClient;
 use pairmask_tests::frames::{served_by, two_sets};
 use pairmask_tests::prelude::*;
 use pairmask_tests::spheres::{check_mask, cull, whole_scene};
-use pairmask_transport::{DaemonRecord, Heartbeat, RuntimeDir, Services};
+use pairmask_transport::{DaemonRecord, Heartbeat, RuntimeDir};
 use pairmask_wire::{
     CullRequest, InstanceName, ReplyError, RequestHeader, SceneSections, StatusCode, Version,
 };
-use rustix::process::{Pid, getpid};
 
 /// Submits a frame and compares with the oracle. Returns what served it.
 fn check_frame(session: &mut Session, boxes: &[Aabb]) -> ServedBy {
@@ -180,13 +179,10 @@ fn a_daemon_is_found_from_another_pid_namespace() {
 #[test]
 fn limits_of_a_client_are_named() {
     let daemon = TestDaemon::of_cores();
-    let said = connect_below(&daemon, "ulimit -v 8000000;");
-    assert!(said.contains("Limit(AddressSpace") && said.contains("8192000000"), "{said}");
-    let said = connect_below(&daemon, "ulimit -n 20;");
-    assert!(said.contains("Limit(Files { limit: 20 })"), "{said}");
-    // With room for replies that are small enough all is well.
-    let daemon = TestDaemon::start(&["--gpu", "none", "--max-reply-mib", "16"]);
-    assert_eq!(connect_below(&daemon, "ulimit -v 8000000;"), "connected\n");
+    let said = connect_below(&daemon, "ulimit -n 8;");
+    assert!(said.contains("Limit(Files { limit: 8 })"), "{said}");
+    // What is mapped goes by what is asked for, not by what a daemon may answer with.
+    assert_eq!(connect_below(&daemon, "ulimit -v 1000000;"), "connected\n");
 }
 
 #[test]
@@ -212,68 +208,46 @@ fn a_client_takes_no_more_files_of_the_worker_than_are_counted_for_it() {
 }
 
 #[test]
-fn a_daemon_whose_files_are_removed_starts_anew() {
-    let daemon = TestDaemon::of_cores();
-    let boxes = scene(100, 5);
-    check_frame(&mut daemon.connect(), &boxes);
-    for file in daemon.shared_files() {
-        // The daemon may just be removing those of the client that left.
-        match std::fs::remove_file(file) {
-            Err(error) if error.kind() != ErrorKind::NotFound => panic!("{error}"),
-            _ => {}
-        }
-    }
-    let mut session = eventually("the daemon serves again", || match daemon.session().connect() {
-        Ok(session) => Some(session),
-        Err(ConnectError::FilesGone { .. } | ConnectError::NoDaemon { .. }) => None,
-        Err(error) => panic!("{error}"),
-    });
-    assert_eq!(check_frame(&mut session, &boxes), ServedBy::Daemon);
-}
-
-#[test]
 fn a_client_killed_in_mid_frame_leaves_the_others_alone_and_its_memory_comes_back() {
     let daemon = TestDaemon::start(&[]);
     let mut other = daemon.connect();
     let boxes = scene(300, 3);
     check_frame(&mut other, &boxes);
-    let before = daemon.shared_files();
+    let before = daemon.segments().len();
     for mode in ["loan", "pending"] {
         let mut victim = FaultClient::start(&daemon, &[mode, "auto"]);
         victim.go();
-        assert!(daemon.shared_files().len() > before.len(), "the victim has files of its own");
+        assert!(daemon.segments().len() > before, "the victim has memory of its own");
         drop(victim);
         let killed = Instant::now();
-        until("the victim's files go", || {
+        until("the victim's memory goes", || {
             check_frame(&mut other, &boxes);
-            daemon.shared_files() == before
+            daemon.segments().len() == before
         });
         assert!(killed.elapsed() < Duration::from_secs(10), "mode {mode}");
     }
     assert_eq!(check_frame(&mut other, &boxes), ServedBy::Daemon);
 }
 
-/// A software driver reads the boxes on the CPU and dies of the SIGBUS; a real GPU reads the rest
-/// of the memory.
+/// The pages that are missing read as zeros, and no other client notices anything.
 #[test]
-fn a_truncated_segment_kills_a_worker_at_most() {
+fn a_truncated_segment_harms_nobody_else() {
     let daemon = TestDaemon::start(&["--gpu", "software"]);
-    let (mut other, boxes) = (daemon.connect_auto(), scene(300, 4));
+    let (mut other, boxes) = (daemon.connect(), scene(300, 4));
+    let worker = daemon.worker();
     for engine in ["cpu-brute", "gpu-brute"] {
-        comes_back(&mut other, &boxes);
         daemon.wait_for_gpus();
-        let first_worker = daemon.worker();
         let mut vandal = FaultClient::start(&daemon, &["truncate", engine]);
         daemon.signal_worker(Signal::STOP);
         vandal.go();
         daemon.signal_worker(Signal::CONT);
-        until("another worker serves", || {
+        for _ in 0..20 {
             check_frame(&mut other, &boxes);
-            daemon.worker() != first_worker
-        });
+        }
         drop(vandal);
+        check_frame(&mut other, &boxes);
+        assert_eq!(daemon.worker(), worker, "{engine}: the worker lives");
     }
-    comes_back(&mut other, &boxes);
 }
 
 type Change = fn(&mut RequestHeader);
@@ -285,19 +259,14 @@ fn check_forged(
 ) -> pairmask::DaemonStatus {
     let daemon = TestDaemon::start(&[]);
     let worker = daemon.worker();
-    let services = Services::connect(&daemon.dir(), &InstanceName::default()).unwrap();
-    let client = services.client(77, 4).unwrap();
+    let client = RawClient::connect_at(&daemon.dir(), 2).unwrap();
     let scene = SceneSections::first(form.into(), BoxCount::new(10));
     for (number, (change, expected)) in changes.iter().enumerate() {
         let mut header = RequestHeader::cull(77, 1, &CullRequest::of(scene));
         change(&mut header);
-        let loan = client.port.loan_slice_uninit(2).unwrap();
-        let mut loan = pairmask_transport::assume_pages(loan);
-        *loan.user_header_mut() = header;
-        let pending = loan.send().unwrap();
-        client.notifier.notify().unwrap();
-        let status =
-            eventually("a response", || Some(pending.receive().unwrap()?.user_header().status));
+        let mut loan = client.loan().unwrap();
+        loan.header = header;
+        let status = client.send(loan).answer(TIMEOUT).unwrap().status;
         assert_eq!(status, *expected as u32, "request {number}");
     }
     assert_eq!(daemon.worker(), worker, "the worker still lives");
@@ -383,30 +352,6 @@ fn a_missing_daemon_and_another_version_are_distinguished() {
     assert!(matches!(error, ConnectError::NoDaemon { .. }), "{error}");
     let said = error.to_string();
     assert!(said.contains(dir.path().to_str().unwrap()) && said.contains("'default'"), "{said}");
-}
-
-fn umask(process: Pid) -> String {
-    let status = std::fs::read_to_string(format!("/proc/{}/status", process.as_raw_nonzero()));
-    let status = status.expect("a process that lives");
-    status.lines().find(|line| line.starts_with("Umask:")).expect("a umask").to_owned()
-}
-
-/// The transport changes the umask for each listener: not that of the process that connects.
-#[test]
-fn sessions_that_connect_at_once_leave_the_umask_alone() {
-    let daemon = TestDaemon::start(&[]);
-    let processes = [getpid(), daemon.worker()];
-    let before = processes.map(umask);
-    let connected = std::thread::scope(|scope| {
-        let connect = || (0..10).filter(|_| daemon.session().connect().is_ok()).count();
-        let threads: Vec<_> = (0..4).map(|_| scope.spawn(connect)).collect();
-        while threads.iter().any(|thread| !thread.is_finished()) {
-            assert_eq!(processes.map(umask), before);
-        }
-        threads.into_iter().map(|thread| thread.join().unwrap()).sum::<usize>()
-    });
-    assert_eq!(connected, 40);
-    assert_eq!(processes.map(umask), before);
 }
 
 #[test]

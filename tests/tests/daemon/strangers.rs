@@ -30,11 +30,9 @@ fn set_mode(path: &Path, mode: u32) {
     fs::set_permissions(path, Permissions::from_mode(mode)).unwrap();
 }
 
-fn paths(daemon: &TestDaemon) -> [PathBuf; 4] {
-    let name = InstanceName::default();
-    let root = daemon.dir().transport_root(&name);
+fn paths(daemon: &TestDaemon) -> [PathBuf; 3] {
     let file = |name| daemon.path().join(name);
-    [daemon.path().to_owned(), file("default.daemon"), file("default.heartbeat"), root]
+    [daemon.path().to_owned(), file("default.daemon"), file("default.heartbeat")]
 }
 
 /// Checks that a client refuses the instance, with such an error, and answers in process where it may.
@@ -88,8 +86,7 @@ fn what_another_user_owns_is_not_used_by_a_client() {
         return not_without_root();
     }
     let daemon = TestDaemon::of_cores();
-    let shared = daemon.shared_files();
-    let own = [paths(&daemon).to_vec(), vec![shared[0].clone()]].concat();
+    let own = [paths(&daemon).to_vec(), vec![daemon.path().join("default.socket")]].concat();
     for path in own {
         chown(&path, Some(NOBODY), None).unwrap();
         check_refused(&daemon, &path, |error| {
@@ -100,25 +97,6 @@ fn what_another_user_owns_is_not_used_by_a_client() {
         chown(&path, Some(0), None).unwrap();
         drop(daemon.connect());
     }
-}
-
-/// Another user's file in shared memory with a name of this user's instance: a client could map it.
-#[test]
-fn a_strangers_file_in_shared_memory_keeps_clients_and_daemons_away() {
-    if !rustix::process::geteuid().is_root() {
-        return not_without_root();
-    }
-    let mut daemon = TestDaemon::of_cores();
-    let name = format!("{}stranger", daemon.dir().shm_prefix(&InstanceName::default()));
-    let file = Path::new("/dev/shm").join(name);
-    fs::write(&file, "x").unwrap();
-    chown(&file, Some(NOBODY), None).unwrap();
-    check_refused(&daemon, &file, |error| {
-        matches!(error, ConnectError::Instance(InstanceError::Foreign { owner: NOBODY, .. }))
-    });
-    fs::remove_file(&file).unwrap();
-    drop(daemon.connect());
-    daemon.kill();
 }
 
 /// Without root the test cannot act as a second user: root's directory stands for another user's.
@@ -168,13 +146,6 @@ fn a_daemon_refuses_directories_that_others_may_change() {
     let link = parent.path().join("link");
     symlink(&dir, &link).unwrap();
     assert!(matches!(acquire(&link), Err(InstanceError::NotPlain { .. })));
-
-    let root = RuntimeDir::at(&dir).transport_root(&name);
-    fs::create_dir(&root).unwrap();
-    set_mode(&root, 0o750);
-    let refused = RuntimeDir::at(&dir).ensure_transport_root(&name);
-    fs::remove_dir(&root).unwrap();
-    assert!(matches!(refused, Err(InstanceError::Open { .. })), "{refused:?}");
 }
 
 /// Daemon and client were started with different environments, as a service and a shell are.

@@ -153,7 +153,7 @@ fn narrow_frames_are_left_under_way_and_outlive_their_device() {
     let boxes = stress_scenes::named("uniform").boxes(n, 3);
     let [q16, q8, f16] = narrow_precisions(&boxes);
     for (pair, is_lost) in [([q16, q8], false), ([q8, f16], false), ([f16, q16], true)] {
-        let begun = [0, 1].map(|turn| begin(&mut executor, turn as u128, &boxes, &pair[turn]).0);
+        let begun = [0, 1].map(|turn| begin(&mut executor, turn as u64, &boxes, &pair[turn]).0);
         if is_lost {
             executor.device().expect("the device is there").destroy();
         }

@@ -68,7 +68,7 @@ fn devices_are_lost_under_load(rounds: usize) {
     let expected = oracle::truth(&boxes).pairs;
     let (stop, answered) = (AtomicBool::new(false), AtomicUsize::new(0));
     let by_cores = AtomicUsize::new(0);
-    let client = |id: u128, mut engines: Executor| {
+    let client = |id: u64, mut engines: Executor| {
         let mut reply = HeapReply::new();
         let encodings = [Encoding::Sparse, Encoding::List, Encoding::Dense];
         for encoding in encodings.into_iter().cycle() {
@@ -102,7 +102,7 @@ fn devices_are_lost_under_load(rounds: usize) {
                     stop.store(true, Ordering::Relaxed);
                     panic!("the device does not come back, or a client has ended");
                 }
-                model.gpus().iter().for_each(|gpu| gpu.tidy());
+                model.gpus().iter().for_each(|gpu| gpu.tidy(&[]));
                 std::thread::sleep(Duration::from_millis(1));
             };
             let before = answered.load(Ordering::Relaxed);

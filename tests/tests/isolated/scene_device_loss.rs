@@ -11,7 +11,7 @@ use pairmask_core::engine::EngineId;
 use pairmask_tests::gpu;
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{Kind, Moment, SessionScene, hold};
-use pairmask_transport::{RuntimeDir, clean_if_abandoned};
+use pairmask_transport::RuntimeDir;
 use pairmask_wire::{ENGINE_IS_OPENING, InstanceName, ReplyError, StatusCode};
 use pairmaskd::execute::WatchDevice;
 use pairmaskd::execute::gpu::Gpu;
@@ -78,9 +78,7 @@ impl Worker {
 
     fn stop(self) {
         kill_process(getpid(), Signal::TERM).unwrap();
-        let dir = self.dir();
         self.thread.join().unwrap().unwrap();
-        clean_if_abandoned(&dir, &InstanceName::default()).unwrap();
     }
 }
 

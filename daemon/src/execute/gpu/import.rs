@@ -31,7 +31,6 @@ use crate::execute::frame_memory::LentReply;
 pub struct ReadWriteMapping {
     pointer: NonNull<u8>,
     bytes: usize,
-    file: Option<File>,
 }
 
 // SAFETY: a mapping belongs to the process, not to a thread; nothing here follows the pointer.
@@ -52,7 +51,7 @@ impl ReadWriteMapping {
             rustix::mm::mmap(std::ptr::null_mut(), bytes, prot, flags, file.as_fd(), offset)
         }?;
         let pointer = NonNull::new(pointer.cast()).ok_or(io::ErrorKind::AddrNotAvailable)?;
-        Ok(Self { pointer, bytes, file: None })
+        Ok(Self { pointer, bytes })
     }
 
     /// The pages behind an address range of this process, read-write regardless of the first mapping
@@ -63,14 +62,7 @@ impl ReadWriteMapping {
         let segment = segment_around(start, end)?;
         let file = open_file(&segment)?;
         let offset = segment.file_offset + (start - segment.start) as u64;
-        let mut mapping = Self::of_file(&file, offset, end - start)?;
-        mapping.file = Some(file);
-        Ok(mapping)
-    }
-
-    /// Whether the file behind it has no name any more: its owner has exited.
-    pub fn is_orphaned(&self) -> bool {
-        self.file.as_ref().is_some_and(|f| f.metadata().is_ok_and(|data| data.nlink() == 0))
+        Ok(Self::of_file(&file, offset, end - start)?)
     }
 
     pub fn pointer(&self) -> NonNull<u8> {
@@ -136,12 +128,14 @@ fn open_file(mapping: &Mapping) -> Result<File, SegmentError> {
     Err(SegmentError::FileGone(path.to_owned()))
 }
 
-/// Whose memory an address is: a client's port, or our own server port. Memory of one owner stays
-/// mapped at its address as long as the owner lives; that of another may come to lie there later.
+/// Whose memory an address is. Memory of one owner stays mapped at its address as long as the owner lives; that of another
+/// may come to lie there later.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Owner {
-    /// A client's port, by the transport's unique number.
-    Client(u128),
+    /// A client's segment, by its unique number.
+    Client(u64),
+    /// Memory that stays until its import is discarded.
+    Caller,
     Daemon,
 }
 
@@ -206,7 +200,7 @@ impl Imports {
         bytes: usize,
     ) -> Result<ImportId, ImportError> {
         let block = block_behind(gpu, address, bytes)?;
-        Ok(self.add(Owner::Client(0), address..address + bytes, Some(block)))
+        Ok(self.add(Owner::Caller, address..address + bytes, Some(block)))
     }
 
     /// As [`Self::import_boxes`], for stages to write replies to as well.
@@ -303,10 +297,15 @@ impl Imports {
         !self.leaving.iter().any(|(its, _)| overlap(its, range))
     }
 
+    /// Ends the imports of clients whose segments are none of these.
     #[must_use]
-    pub(in crate::execute) fn tidy(&mut self) -> Discarded {
+    pub(in crate::execute) fn tidy(&mut self, segments: &[u64]) -> Discarded {
         self.leaving.retain(|(_, block)| block.strong_count() > 0);
-        self.end(|import| import.block.as_ref().is_some_and(|block| block.is_orphaned()))
+        let is_mapped = |owner| match owner {
+            Owner::Client(segment) => segments.contains(&segment),
+            Owner::Caller | Owner::Daemon => true,
+        };
+        self.end(|import| !is_mapped(import.owner))
     }
 
     /// The imported block behind an address range, and the offset of the range in it. For writing,

@@ -179,11 +179,6 @@ impl Block {
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
-
-    pub(super) fn is_orphaned(&self) -> bool {
-        self.mapping.as_ref().is_some_and(ReadWriteMapping::is_orphaned)
-    }
-
     /// Copies `values` to byte `offset`. Call it between frames only.
     ///
     /// # Panics

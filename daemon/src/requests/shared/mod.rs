@@ -44,7 +44,7 @@ enum End {
 }
 
 /// A membership: by session and by the client's own number.
-type MemberKey = (u128, SceneId);
+type MemberKey = (u64, SceneId);
 
 pub(super) struct SharedScenes {
     tools: SceneTools,
@@ -74,7 +74,7 @@ impl SharedScenes {
     fn join_named(
         &self,
         name: &SceneName,
-        session: u128,
+        session: u64,
         request: &JoinRequest,
     ) -> Result<AgreedTerms, Refusal> {
         loop {
@@ -155,7 +155,7 @@ impl SharedScenes {
         if let Err(refusal) = &answered {
             self.outbox.refuse(&mut open, refusal);
         }
-        open.close();
+        drop(open);
         let on_gpu = answered.unwrap_or(false);
         let gpu = if on_gpu { GpuNeed::Alone } else { GpuNeed::None };
         Served { threads, on_gpu, gpu, ..Served::BEGUN }
@@ -192,7 +192,7 @@ impl SharedScenes {
             if why != End::SessionGone {
                 self.outbox.refuse(&mut open, &Refusal::stale_scene(0));
             }
-            open.close();
+            drop(open);
         }
         scene.end_tick(&self.tools.pool, &self.outbox);
         self.discard_if_ended(&scene);

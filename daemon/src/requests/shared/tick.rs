@@ -191,7 +191,7 @@ impl AppliedTick {
                     recipient.resync();
                     outbox.refuse(&mut commit.open, &refusal);
                 }
-                commit.open.close();
+                drop(commit.open);
             },
         );
     }

@@ -28,11 +28,11 @@ use std::thread::Thread;
 use std::time::{Duration, Instant};
 
 use pairmask_core::spinner::Spinner;
-use pairmask_transport::{GpuCounts, JANITOR_INTERVAL, Sender, WakeDaemon, sleep_until};
+use pairmask_transport::{GpuCounts, JANITOR_INTERVAL, Sender};
 
 use self::scheduler::{Arrived, LONGEST_SLEEP, Rest, Scheduler, Task};
 use self::workers::Workers;
-use super::janitor::Janitor;
+use super::status_writer::StatusWriter;
 use super::{ServeError, ServeSettings};
 use crate::clients::{Client, FrameWork, GpuNeed, RequestKind};
 use crate::execute::CpuTimer;
@@ -54,7 +54,6 @@ const RELIEF_LOOK: Duration = Duration::from_millis(20);
 const OPENING_LOOK: Duration = Duration::from_millis(20);
 
 pub(super) struct WorkerThreads<'a> {
-    // Engines before the port whose memory they write to: fields drop in this order.
     responder: Responder,
     lead: Mutex<Lead>,
     /// Whether a thread leads, as the scheduler has it.
@@ -63,13 +62,12 @@ pub(super) struct WorkerThreads<'a> {
     is_asleep: AtomicBool,
     scheduler: Mutex<Scheduler>,
     threads: Vec<OnceLock<Thread>>,
-    janitor: &'a Janitor,
+    writer: &'a StatusWriter,
     stop: &'a AtomicBool,
 }
 
 struct Lead {
     intake: Intake,
-    wake: WakeDaemon,
     arrived: Vec<Incoming>,
     tidy_at: Instant,
 }
@@ -103,11 +101,10 @@ impl<'a> WorkerThreads<'a> {
     /// One thread more than cores: one listens while all others are away.
     pub(super) fn new(
         intake: Intake,
-        wake: WakeDaemon,
         responder: Responder,
         cores: usize,
         settings: &ServeSettings,
-        janitor: &'a Janitor,
+        writer: &'a StatusWriter,
         stop: &'a AtomicBool,
     ) -> Self {
         let worker_count = cores + 1;
@@ -118,12 +115,12 @@ impl<'a> WorkerThreads<'a> {
         let arrived = Vec::with_capacity(scheduler.queue.room());
         Self {
             responder,
-            lead: Mutex::new(Lead { intake, wake, arrived, tidy_at: Instant::now() }),
+            lead: Mutex::new(Lead { intake, arrived, tidy_at: Instant::now() }),
             is_led: AtomicBool::new(false),
             is_asleep: AtomicBool::new(false),
             scheduler: Mutex::new(scheduler),
             threads: (0..worker_count).map(|_| OnceLock::new()).collect(),
-            janitor,
+            writer,
             stop,
         }
     }
@@ -166,7 +163,7 @@ impl<'a> WorkerThreads<'a> {
             let now = self.gpu_counts();
             if now != gpus {
                 gpus = now;
-                self.janitor.post(&self.responder.outbox.status_file(gpus));
+                self.writer.post(&self.responder.outbox.status_file(gpus));
             }
             let pause = if gpus.opening > 0 { OPENING_LOOK } else { JANITOR_INTERVAL };
             std::thread::park_timeout(pause);
@@ -232,8 +229,7 @@ impl<'a> WorkerThreads<'a> {
             let published = self.responder.culls.publish_ended();
             let now = Instant::now();
             if now >= lead.tidy_at {
-                lead.intake.tidy();
-                self.janitor.post(&self.responder.outbox.status_file(self.gpu_counts()));
+                self.writer.post(&self.responder.outbox.status_file(self.gpu_counts()));
                 lead.tidy_at = now + JANITOR_INTERVAL;
             }
             if published || now >= look_at {
@@ -258,7 +254,7 @@ impl<'a> WorkerThreads<'a> {
                 spinner.turn();
             } else if worker > 0 {
                 return self.stand_by(worker);
-            } else if self.pause(&lead.wake, now) {
+            } else if self.pause(&lead.intake, now) {
                 spinner.turn();
             }
         }
@@ -266,7 +262,7 @@ impl<'a> WorkerThreads<'a> {
     }
 
     /// Worker thread 0 sleeps until a request comes or is due soon. `true`, at once, where one is due now.
-    fn pause(&self, wake: &WakeDaemon, now: Instant) -> bool {
+    fn pause(&self, intake: &Intake, now: Instant) -> bool {
         let rest = locked(&self.scheduler).rest(now);
         match rest {
             Rest::Spin { .. } => true,
@@ -277,7 +273,7 @@ impl<'a> WorkerThreads<'a> {
                 let is_busy = self.responder.culls.is_busy();
                 // A request that came between the last look and the sleep has left its wake-up: it is
                 // not lost, the sleep ends at once.
-                if !is_busy && let Err(error) = sleep_until(wake, until) {
+                if !is_busy && let Err(error) = intake.sleep_until(until) {
                     log::debug!("waiting for requests: {error:?}");
                 }
                 self.is_asleep.store(false, Ordering::Relaxed);
@@ -369,7 +365,7 @@ impl<'a> WorkerThreads<'a> {
     /// Takes in what has arrived. Whether something had.
     fn receive(&self, lead: &mut Lead) -> bool {
         let Lead { intake, arrived, .. } = lead;
-        intake.receive(arrived.capacity(), |incoming| arrived.push(incoming));
+        intake.receive(|incoming| arrived.push(incoming));
         if arrived.is_empty() {
             return false;
         }

@@ -45,7 +45,7 @@ pub(super) struct Task {
 pub(super) struct Scheduler {
     pub(super) queue: RequestQueue<Arrived>,
     pub(super) workers: Workers,
-    spin_policy: SpinPolicy<u128>,
+    spin_policy: SpinPolicy<u64>,
     pub(super) sleep_at: Instant,
     pool_threads: usize,
     pub(super) tasks: u64,

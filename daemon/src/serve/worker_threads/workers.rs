@@ -41,7 +41,7 @@ enum Activity {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Workers {
     /// Sessions and when they were active last.
-    seen: Vec<(u128, Instant)>,
+    seen: Vec<(u64, Instant)>,
     activities: Vec<Activity>,
     /// The most threads that are awake for active sessions.
     most_awake: usize,
@@ -58,7 +58,7 @@ impl Workers {
     }
 
     /// A session has sent a request for a small frame, or was answered one.
-    pub(super) fn note_active(&mut self, session: u128, now: Instant) {
+    pub(super) fn note_active(&mut self, session: u64, now: Instant) {
         if let Some((_, at)) = self.seen.iter_mut().find(|(seen, _)| *seen == session) {
             *at = now;
         } else {
@@ -73,9 +73,9 @@ impl Workers {
         &self,
         time: Duration,
         now: Instant,
-    ) -> impl Iterator<Item = u128> {
+    ) -> impl Iterator<Item = u64> {
         let time = time.clamp(ACTIVE_FOR, KNOWN_FOR);
-        let is_active = move |(_, at): &&(u128, Instant)| is_within(*at, now, time);
+        let is_active = move |(_, at): &&(u64, Instant)| is_within(*at, now, time);
         self.seen.iter().filter(is_active).map(|(session, _)| *session)
     }
 

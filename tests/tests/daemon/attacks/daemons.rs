@@ -5,11 +5,10 @@ use std::time::{Duration, Instant};
 use pairmask_core::mask::WordAddress;
 use pairmask_tests::attack_time;
 use pairmask_tests::attackers::lists::PAIRS;
-use pairmask_tests::attackers::raw::RawClient;
 use pairmask_tests::daemon::pairmaskd;
 use pairmask_tests::prelude::*;
-use pairmask_transport::{ProcessWatch, SegmentFiles};
-use pairmask_wire::{InstanceName, ReplyError};
+use pairmask_transport::ProcessWatch;
+use pairmask_wire::ReplyError;
 use rayon::iter::ParallelIterator;
 use rustix::process::{Pid, kill_process};
 
@@ -90,32 +89,6 @@ fn a_list_that_changes_while_it_is_read_names_no_box_that_is_not_there() {
     assert!(is_seen(dropped, broken) && dropped < looks, "{dropped}, {broken} of {looks}");
 }
 
-/// A port's memory is found, but neither memory beside it nor another port's.
-#[test]
-fn a_segment_reaches_as_far_as_its_file() {
-    let daemon = TestDaemon::of_cores();
-    let connect = |token| RawClient::connect_at(&daemon.dir(), token, 80).unwrap();
-    let (one, other) = (connect(1), connect(2));
-    let mut loan = one.loan(80).unwrap();
-    let pages = loan.payload_mut();
-    let (start, bytes) = (pages.as_ptr() as usize, size_of_val(pages));
-    let files = SegmentFiles::new(&daemon.dir(), &InstanceName::default());
-    assert!(files.find(other.ports.port.id().value(), start).is_none(), "another's memory");
-    let on_heap = std::ptr::from_ref(&*Box::new(0u64)) as usize;
-    assert!(files.find(one.ports.port.id().value(), on_heap).is_none(), "no segment");
-    let segment = files.find(one.ports.port.id().value(), start).unwrap();
-    assert!(segment.holds(start, bytes) && segment.holds(start, 8));
-    assert!(!segment.holds(start, 1 << 30) && !segment.holds(start, usize::MAX));
-    assert!(!segment.holds(start - (1 << 30), 8) && !segment.holds(start + (1 << 30), 8));
-    let ending = format!("_{}.data", one.ports.port.id().value());
-    let mut files = daemon.shared_files().into_iter();
-    let path = files.find(|path| path.to_str().unwrap().ends_with(&ending)).unwrap();
-    std::fs::OpenOptions::new().write(true).open(path).unwrap().set_len(8192).unwrap();
-    assert!(!segment.holds(start, bytes), "cut short");
-    // The rest of the memory must not be touched, not even to drop it.
-    std::mem::forget(loan);
-}
-
 /// The worker that a supervisor has started, as soon as there is one.
 fn child_of(supervisor: u32) -> Option<u32> {
     let path = format!("/proc/{supervisor}/task/{supervisor}/children");
@@ -166,21 +139,4 @@ fn a_daemon_killed_while_it_starts_does_not_keep_the_next_from_serving() {
         std::thread::sleep(Duration::from_micros(round * 7919 % 30_000));
         daemon.kill();
     });
-}
-
-/// A worker without a supervisor holds the server port, but not the lock.
-#[test]
-fn a_process_that_blocks_an_instance_is_named() {
-    let mut daemon = TestDaemon::idle(pairmaskd(), &["--gpu", "none"]);
-    let worker = ["--worker", &std::process::id().to_string()];
-    let mut blocking = daemon.command().args(worker).spawn().unwrap();
-    eventually("the worker serves", || daemon.record());
-    let refused = daemon.command().output().unwrap();
-    let text = String::from_utf8_lossy(&refused.stderr);
-    assert!(!refused.status.success());
-    let process = format!("process {} (pairmaskd", blocking.id());
-    assert!(text.contains(&process) && text.contains("kill -9"), "{text}");
-    blocking.kill().unwrap();
-    blocking.wait().unwrap();
-    check_that_it_serves(&mut daemon, &mut InTurn::new(&[64]));
 }

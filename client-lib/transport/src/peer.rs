@@ -1,0 +1,321 @@
+//! A client as its daemon has it: its memory, its board, the daemon's own board and memory for answers.
+
+use std::ops::Range;
+use std::os::fd::{AsFd, OwnedFd};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use pairmask_wire::board::{Entry, PLACES, Placed};
+use pairmask_wire::{Page, RequestHeader, ResponseHeader};
+
+use crate::OpenError;
+use crate::board::{OwnBoard, TheirBoard};
+use crate::pool::{Chunk, Pool};
+use crate::room::PopulateError;
+use crate::segment::Segment;
+use crate::socket::{Bell, Door, PeerProcess, Welcome, send};
+
+/// Pages of the smallest pool of answers, which each client has: most answers fit, and eight of them are 8 MiB of
+/// address space on either side.
+const SMALLEST_PAGES: usize = 256;
+
+/// Segments that a client may send: one that doubles its memory from a page on has had less.
+const MOST_SEGMENTS: usize = 64;
+
+/// Who sends a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sender {
+    /// Number of the session. It is never used again.
+    pub session: u64,
+    /// Id of the session's process, by the kernel; 0 where that is in another PID namespace.
+    pub process: u32,
+}
+
+/// What the daemon knows of a place.
+#[derive(Debug, Default)]
+struct Place {
+    /// Number of its last request.
+    number: u64,
+    /// Whether a request of it is being served.
+    is_held: bool,
+    /// The memory of the last answer.
+    answer: Option<Chunk>,
+}
+
+/// A connected client.
+#[derive(Debug)]
+pub struct Peer {
+    sender: Sender,
+    socket: OwnedFd,
+    bell: Bell,
+    own: OwnBoard,
+    theirs: TheirBoard,
+    segments: Mutex<Vec<Arc<Segment>>>,
+    /// By the size of their pieces. A number in this list is the segment's on the wire.
+    pools: Mutex<Vec<Pool>>,
+    places: Mutex<[Place; PLACES]>,
+    /// Number of the request that is taken next: they are taken in the order in which they were sent.
+    next: AtomicU64,
+    is_gone: AtomicBool,
+    /// With which files of its memory begin, until they have no name.
+    prefix: String,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Peer {
+    /// Lets a client in that sends a descriptor of its memory and the place of its board in it.
+    pub(super) fn admit(
+        socket: OwnedFd,
+        (session, peer): (u64, PeerProcess),
+        (segment, board): (OwnedFd, u64),
+        prefix: &str,
+    ) -> Result<Arc<Self>, OpenError> {
+        let system = |e: std::io::Error| crate::TransportError::new("letting a client in", &e);
+        let segment = Arc::new(Segment::map(segment).map_err(system)?);
+        let theirs = TheirBoard::at(Arc::clone(&segment), board).ok_or(OpenError::Incompatible)?;
+        let pool = Pool::new(prefix, SMALLEST_PAGES, PLACES + 1)?;
+        let own = OwnBoard::new(&pool).map_err(|_| OpenError::OutOfMemory)?;
+        // Nobody looks at its board yet.
+        own.falls_asleep();
+        let (bell, their_end) = Bell::pair().map_err(system)?;
+        let files = [pool.file().as_fd(), their_end.as_fd()];
+        send(socket.as_fd(), &Welcome::new(Door::Open, own.offset()), &files).map_err(system)?;
+        Ok(Arc::new(Self {
+            sender: Sender { session, process: peer.process },
+            socket,
+            bell,
+            own,
+            theirs,
+            segments: Mutex::new(vec![segment]),
+            pools: Mutex::new(vec![pool]),
+            places: Mutex::default(),
+            next: AtomicU64::new(1),
+            is_gone: AtomicBool::new(false),
+            prefix: prefix.to_owned(),
+        }))
+    }
+
+    /// Who it is.
+    pub const fn sender(&self) -> Sender {
+        self.sender
+    }
+
+    pub(super) const fn socket(&self) -> &OwnedFd {
+        &self.socket
+    }
+
+    /// What either side wakes the other by.
+    pub(super) const fn bell(&self) -> &Bell {
+        &self.bell
+    }
+
+    /// Whether its process has ended, or closed the session.
+    pub fn is_gone(&self) -> bool {
+        self.is_gone.load(Ordering::Acquire)
+    }
+
+    pub(super) fn leave(&self) {
+        self.is_gone.store(true, Ordering::Release);
+    }
+
+    /// Adds a further segment of the client's. Whether it may have one more.
+    pub(super) fn add_segment(&self, file: OwnedFd) -> bool {
+        let Ok(segment) = Segment::map(file) else { return false };
+        let mut segments = lock(&self.segments);
+        let may = segments.len() < MOST_SEGMENTS;
+        if may {
+            segments.push(Arc::new(segment));
+        }
+        drop(segments);
+        may && send(self.socket.as_fd(), &Welcome::new(Door::Open, 0), &[]).is_ok()
+    }
+
+    /// Numbers of its segments.
+    pub fn segments(&self) -> Vec<u64> {
+        lock(&self.segments).iter().map(|segment| segment.id()).collect()
+    }
+
+    /// Says that the daemon sleeps: a request that is not seen by a look after this wakes it.
+    pub(super) fn falls_asleep(&self) {
+        self.own.falls_asleep();
+    }
+
+    /// Says that the daemon looks for requests.
+    pub fn wakes_up(&self) {
+        self.own.wakes_up();
+    }
+
+    /// Where the next request is, if it has come.
+    pub(super) fn has_sent(&self) -> Option<usize> {
+        let next = self.next.load(Ordering::Relaxed);
+        (0..PLACES).find(|place| self.theirs.sent(*place) == next)
+    }
+
+    /// Takes the requests that have come. One thread does so at a time.
+    pub fn receive(self: &Arc<Self>, mut each: impl FnMut(CheckedRequest)) {
+        // No more than there may be: others are looked at too.
+        for _ in 0..PLACES {
+            let Some(place) = self.has_sent() else { return };
+            if lock(&self.places)[place].is_held {
+                // A client that does not wait until its place is free waits now.
+                return;
+            }
+            let number = self.next.fetch_add(1, Ordering::Relaxed);
+            if let Some(request) = self.take(place, number) {
+                each(request);
+            }
+        }
+    }
+
+    fn take(self: &Arc<Self>, place: usize, number: u64) -> Option<CheckedRequest> {
+        let is_wanted = self.theirs.released(place) != number;
+        // Whoever uses a place again has let go of the answer that was in it.
+        let taken = Place { number, is_held: is_wanted, answer: None };
+        let answer = std::mem::replace(&mut lock(&self.places)[place], taken);
+        drop(answer);
+        if !is_wanted {
+            self.own.release(place, number);
+            return None;
+        }
+        let Entry { placed, header } = self.theirs.entry(place);
+        let segments = lock(&self.segments);
+        let named = usize::try_from(placed.segment).ok().and_then(|at| segments.get(at));
+        // One that names no memory of its client's has no payload.
+        let (segment, placed) = match named {
+            Some(named) => (named, placed),
+            None => (&segments[0], Placed::default()),
+        };
+        let segment = Arc::clone(segment);
+        drop(segments);
+        let peer = Arc::clone(self);
+        Some(CheckedRequest { peer, place, number, header, segment, placed })
+    }
+
+    /// Whether the client waits for the answer to a request.
+    fn is_wanted(&self, place: usize, number: u64) -> bool {
+        !self.is_gone() && self.theirs.released(place) != number
+    }
+
+    /// Memory for an answer, of a pool whose pieces are large enough.
+    fn lend(&self, pages: usize) -> Result<Chunk, PopulateError> {
+        let full = PopulateError { bytes: (pages * pairmask_wire::PAGE_BYTES) as u64 };
+        let mut pools = lock(&self.pools);
+        if pools.last().is_none_or(|largest| largest.pages() < pages) {
+            let pages = pages.next_power_of_two();
+            let pool = Pool::new(&self.prefix, pages, PLACES).map_err(|_| full)?;
+            let notice = Welcome::new(Door::Open, 0);
+            send(self.socket.as_fd(), &notice, &[pool.file().as_fd()]).map_err(|_| full)?;
+            pools.push(pool);
+        }
+        let fits = pools.iter().find(|pool| pool.pages() >= pages);
+        fits.ok_or(full)?.lend(pages)
+    }
+}
+
+impl Peer {
+    fn answer(&self, place: usize, number: u64, header: &ResponseHeader, chunk: Chunk) {
+        let segment = lock(&self.pools).iter().position(|pool| chunk.is_of(pool));
+        let placed = Placed {
+            // It is of one of them.
+            segment: segment.unwrap_or(0) as u64,
+            offset: chunk.offset(),
+            pages: chunk.pages().len() as u64,
+        };
+        let mut places = lock(&self.places);
+        places[place].answer = Some(chunk);
+        self.own.send(place, number, Entry { placed, header: *header });
+        drop(places);
+        if self.theirs.sleeps() {
+            self.bell.ring();
+        }
+    }
+
+    /// Lets go of a request.
+    fn release(&self, place: usize, number: u64) {
+        lock(&self.places)[place].is_held = false;
+        self.own.release(place, number);
+    }
+
+    /// Gives memory of answers back that nobody reads any more, and that none needed for so long. `release` has others
+    /// let go of a range of addresses, and says whether they did.
+    pub fn tidy(&self, idle: Duration, mut release: impl FnMut(&Range<usize>) -> bool) {
+        for (place, known) in lock(&self.places).iter_mut().enumerate() {
+            if self.theirs.released(place) == known.number {
+                known.answer = None;
+            }
+        }
+        for pool in lock(&self.pools).iter() {
+            pool.tidy(idle, &mut release);
+        }
+    }
+
+    /// Whether others have let go of all of its memory for answers, as far as `release` says so of a range.
+    pub fn is_released(&self, mut release: impl FnMut(&Range<usize>) -> bool) -> bool {
+        lock(&self.pools).iter().fold(true, |all, pool| release(&pool.range()) && all)
+    }
+}
+
+/// A request that was copied and checked. Its header and the place of its payload are fixed, regardless of what its
+/// sender writes later. Its memory is the client's again when it is dropped. Dropped without an answer, it leaves its
+/// client to its deadline.
+#[derive(Debug)]
+pub struct CheckedRequest {
+    peer: Arc<Peer>,
+    place: usize,
+    number: u64,
+    header: RequestHeader,
+    segment: Arc<Segment>,
+    placed: Placed,
+}
+
+impl CheckedRequest {
+    /// The copied header.
+    pub const fn header(&self) -> &RequestHeader {
+        &self.header
+    }
+
+    /// The payload; none where it does not lie in the sender's memory.
+    pub fn pages(&self) -> &[Page] {
+        self.segment.pages(self.placed.offset, self.placed.pages)
+    }
+
+    /// Who sent it.
+    pub fn sender(&self) -> Sender {
+        self.peer.sender
+    }
+
+    /// Number of the segment that it lies in.
+    pub fn segment(&self) -> u64 {
+        self.segment.id()
+    }
+
+    /// Whether its client still waits for an answer. Two reads of memory: ask as often as you like.
+    pub fn is_wanted(&self) -> bool {
+        self.peer.is_wanted(self.place, self.number)
+    }
+
+    /// Memory for an answer.
+    ///
+    /// # Errors
+    /// [`PopulateError`].
+    pub fn lend(&self, pages: usize) -> Result<Chunk, PopulateError> {
+        self.peer.lend(pages)
+    }
+
+    /// Sends the answer and wakes the client, where that still waits for it.
+    pub fn answer(&self, header: &ResponseHeader, chunk: Chunk) {
+        if self.is_wanted() {
+            self.peer.answer(self.place, self.number, header, chunk);
+        }
+    }
+}
+
+impl Drop for CheckedRequest {
+    fn drop(&mut self) {
+        self.peer.release(self.place, self.number);
+    }
+}
