@@ -31,7 +31,7 @@ fn serve(
     let (name, pid) = (InstanceName::default(), std::process::id());
     dir.ensure()?;
     let door = Door::open(dir, &name, Limits::default().max_clients)?;
-    let record = DaemonRecord { worker_pid: pid, supervisor_pid: pid, version };
+    let record = DaemonRecord { worker_pid: pid, supervisor_pid: pid, version, fences: 0 };
     dir.write_record(&name, &record)?;
     std::thread::scope(|scope| {
         let porter = scope.spawn(|| door.attend());

@@ -42,7 +42,7 @@ fn ensure_own_dir(path: &Path, mode: u32) -> Result<(), InstanceError> {
 /// Where the system keeps shared memory files.
 pub(super) const SHM_DIR: &str = "/dev/shm";
 
-/// Bytes of a record that are read. A record is three short lines; a longer file is no record.
+/// Bytes of a record that are read. A record is four short lines; a longer file is no record.
 pub(super) const RECORD_BYTES: u64 = 256;
 
 /// Files in shared memory whose names begin so.
@@ -202,6 +202,8 @@ pub struct DaemonRecord {
     pub supervisor_pid: u32,
     /// Wire version of the daemon.
     pub version: Version,
+    /// What holds of the worker's fences, as the daemon numbers it; 0 of an earlier version.
+    pub fences: u32,
 }
 
 impl DaemonRecord {
@@ -212,18 +214,23 @@ impl DaemonRecord {
         let (worker, supervisor, version) =
             (value("worker")?, value("supervisor")?, value("wire")?);
         let (major, minor) = version.split_once('.')?;
+        let fences = value("fences").unwrap_or("0");
         Some(Self {
             worker_pid: worker.parse().ok()?,
             supervisor_pid: supervisor.parse().ok()?,
             version: Version { major: major.parse().ok()?, minor: minor.parse().ok()? },
+            fences: fences.parse().ok()?,
         })
     }
 }
 
 impl fmt::Display for DaemonRecord {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { worker_pid, supervisor_pid, version } = self;
-        writeln!(f, "worker={worker_pid}\nsupervisor={supervisor_pid}\nwire={version}")
+        let Self { worker_pid, supervisor_pid, version, fences } = self;
+        writeln!(
+            f,
+            "worker={worker_pid}\nsupervisor={supervisor_pid}\nwire={version}\nfences={fences}"
+        )
     }
 }
 
@@ -292,8 +299,11 @@ mod tests {
             worker_pid: 7,
             supervisor_pid: 6,
             version: Version { major: 1, minor: 3 },
+            fences: 0x1121,
         };
         assert_eq!(DaemonRecord::parse(&record.to_string()), Some(record));
+        let earlier = DaemonRecord::parse("worker=7\nsupervisor=6\nwire=1.3\n");
+        assert_eq!(earlier, Some(DaemonRecord { fences: 0, ..record }));
         for junk in ["", "worker=1", "worker=x\nsupervisor=2\nwire=1.0", "a=1\nb=2\nc=3"] {
             assert_eq!(DaemonRecord::parse(junk), None, "{junk}");
         }

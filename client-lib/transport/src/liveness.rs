@@ -226,8 +226,8 @@ mod tests {
         dir.ensure().unwrap();
         // An id that no process has, and that of one that lives: neither is asked.
         for pid in [u32::MAX >> 1, std::process::id()] {
-            let record =
-                DaemonRecord { worker_pid: pid, supervisor_pid: pid, version: Version::CURRENT };
+            let version = Version::CURRENT;
+            let record = DaemonRecord { worker_pid: pid, supervisor_pid: pid, version, fences: 0 };
             let watch = || dir.watch(&name, Some(&record)).unwrap();
             let mut first = Heartbeat::start(&dir, &name).unwrap();
             let (one, other) = (watch().unwrap(), watch().unwrap());

@@ -17,6 +17,7 @@ use super::whole_number::whole_number;
 use crate::audit::AuditRate;
 use crate::execute::gpu::GpuChoices;
 use crate::file_error::{Access, FileError};
+use crate::serve::fences::WithoutFences;
 use crate::{path_in, user_folder};
 
 /// Settings of a configuration file. Keys are the flags' names.
@@ -51,6 +52,8 @@ pub struct Config {
     pub(super) isa: Option<AvailableIsa>,
     #[serde(deserialize_with = "parsed")]
     pub(super) audit: Option<AuditRate>,
+    #[serde(deserialize_with = "parsed")]
+    pub(super) without_fence: Option<WithoutFences>,
 }
 
 const QUOTED_CHARS: usize = 60;
@@ -155,7 +158,7 @@ mod tests {
         let config: Config = toml::from_str(
             "instance = 'world'\nbackend = 'in-process'\nencoding = 'sparse'\n\
              threads = 2\nspin-us = 0\nmax-clients = 3\nmax-reply-mib = 64\nmax-scene-mib = 9\nruntime-dir = '/run/x'\n\
-             gpu = 'none'\ngpu-awake-ms = 0\nisa = 'portable'",
+             gpu = 'none'\ngpu-awake-ms = 0\nisa = 'portable'\nwithout-fence = 'landlock,rlimits'",
         )
         .expect("every key is known");
         assert_eq!(config.instance.as_ref().map(InstanceName::as_str), Some("world"));
@@ -164,6 +167,7 @@ mod tests {
         assert_eq!(config.spin_us, Some(0));
         assert_eq!(config.gpu_awake_ms, Some(0));
         assert_eq!(config.isa, AvailableIsa::new(pairmask_core::engine::Isa::Portable));
+        assert_eq!(config.without_fence, Some("landlock,rlimits".parse().expect("two fences")));
         assert_eq!(config.engine, None);
     }
 }

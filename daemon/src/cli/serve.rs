@@ -10,6 +10,7 @@ use super::options::{CommonOptions, DaemonOptions};
 use super::whole_number::whole_number;
 use crate::audit::AuditRate;
 use crate::publish::AlterAnswer;
+use crate::serve::fences::{Refusal, WithoutFences};
 use crate::serve::{DaemonSettings, ServeError, ServeSettings, supervise, work};
 use crate::spawn;
 
@@ -51,6 +52,13 @@ pub struct Serve {
     /// [default: off]
     #[arg(long, env = "PAIRMASK_AUDIT", value_name = "RATE")]
     audit: Option<AuditRate>,
+    /// Fences that the process that serves does without: no-new-privs, landlock, seccomp, rlimits, with
+    /// commas between them, all or none [default: none]
+    #[arg(long, env = "PAIRMASK_WITHOUT_FENCE", value_name = "NAMES")]
+    without_fence: Option<WithoutFences>,
+    /// Log system calls that a fence would refuse, and make them. A worker has it from its environment.
+    #[arg(long, hide = true, env = "PAIRMASK_SECCOMP_LOG")]
+    seccomp_log: bool,
     /// Serve in this process, as long as its parent is the supervisor of this id: what a supervisor
     /// starts.
     #[arg(long, value_parser = whole_number::<u32>, hide = true, value_name = "PID")]
@@ -108,8 +116,13 @@ impl Serve {
                 gpu_awake: gpu_awake_ms.map(|ms| Duration::from_millis(ms.into())),
                 isa: common.isa(),
                 audit: self.audit.or(common.file.audit).unwrap_or_default(),
+                without_fences: self
+                    .without_fence
+                    .or(common.file.without_fence)
+                    .unwrap_or_default(),
             },
             restarted: self.restarted,
+            refusal: if self.seccomp_log { Refusal::Logged } else { Refusal::Fails },
             alter_answers: None,
             watch_devices: None,
         }

@@ -18,6 +18,7 @@ use super::options::CommonOptions;
 use super::output::{print_json, print_text, time_text};
 use super::program;
 use super::skipped::Skipped;
+use crate::serve::fences::{Fence, FenceState, Fences};
 
 /// A living daemon writes its status file within a second, or after the frame that it works on.
 /// This is longer than most frames take, and short for a user who waits.
@@ -140,6 +141,7 @@ impl Instance {
             "version": self.record.version.to_string(),
             "pid": self.record.worker_pid,
             "supervisor_pid": self.record.supervisor_pid,
+            "fences": Fences::from_number(self.record.fences).map(fences_json),
             "daemon": self.counters.as_ref().map(Counters::json),
             "problem": self.problem,
         })
@@ -151,6 +153,9 @@ impl Instance {
         writeln!(text, "{}: {state}, process {worker_pid}, wire {version}", self.name)?;
         if let Some(problem) = &self.problem {
             writeln!(text, "  {problem}")?;
+        }
+        if let Some(fences) = Fences::from_number(self.record.fences) {
+            writeln!(text, "  fences: {}", fences_text(&fences))?;
         }
         self.counters.as_ref().map_or(Ok(()), |counters| counters.write_to(text))
     }
@@ -244,6 +249,20 @@ impl Counters {
         }
         Ok(())
     }
+}
+
+/// The states by the names of the fences.
+fn fences_json(fences: Fences) -> Value {
+    let state = |fence: Fence| (fence.as_str().to_owned(), fences.state(fence).as_str().into());
+    Value::Object(Fence::ALL.into_iter().map(state).collect())
+}
+
+fn fences_text(fences: &Fences) -> String {
+    let text = |fence: Fence| match fences.state(fence) {
+        FenceState::Holds => fence.as_str().to_owned(),
+        other => format!("{} ({})", fence.as_str(), other.as_str()),
+    };
+    Fence::ALL.map(text).join(", ")
 }
 
 fn status_text(error: &RecordedError) -> String {

@@ -4,6 +4,7 @@
 //! segment, a forged length). The supervisor starts another, also where the worker is stopped or ends
 //! itself because it hangs; clients answer their frames in process meanwhile and come back by themselves.
 
+pub mod fences;
 mod heartbeat;
 mod status_writer;
 mod supervisor;
@@ -25,6 +26,7 @@ use pairmask_core::usable_memory;
 use pairmask_transport::{Limits, RuntimeDir, TransportError};
 use pairmask_wire::{InstanceError, InstanceName};
 
+use self::fences::{Refusal, WithoutFences};
 use crate::audit::AuditRate;
 use crate::execute::WatchDevice;
 use crate::execute::gpu::{GpuChoices, OpenError};
@@ -37,6 +39,8 @@ pub struct ServeSettings {
     pub daemon: DaemonSettings,
     /// Whether this process takes the place of a worker that has served.
     pub restarted: bool,
+    /// What becomes of the worker's system calls that are denied.
+    pub refusal: Refusal,
     /// Changes every answer; `None` but in tests of the auditor. A supervisor cannot pass it on to
     /// its worker: the binary that both run sets it.
     pub alter_answers: Option<AlterAnswer>,
@@ -61,6 +65,7 @@ pub struct DaemonSettings {
     pub isa: AvailableIsa,
     /// The share of the frames that are checked again.
     pub audit: AuditRate,
+    pub without_fences: WithoutFences,
 }
 
 impl Default for DaemonSettings {
@@ -75,6 +80,7 @@ impl Default for DaemonSettings {
             gpu_awake: None,
             isa: AvailableIsa::best(),
             audit: AuditRate::Off,
+            without_fences: WithoutFences::default(),
         }
     }
 }
@@ -82,7 +88,7 @@ impl Default for DaemonSettings {
 impl DaemonSettings {
     /// As flags of `serve`.
     pub(crate) fn flags(&self) -> Vec<String> {
-        let Self { limits, threads, spin, gpu, gpu_awake, isa, audit } = self;
+        let Self { limits, threads, spin, gpu, gpu_awake, isa, audit, without_fences } = self;
         let mut flags = vec![
             format!("--spin-us={}", spin.as_micros()),
             format!("--max-clients={}", limits.max_clients),
@@ -91,6 +97,7 @@ impl DaemonSettings {
             format!("--gpu={gpu}"),
             format!("--isa={isa}"),
             format!("--audit={audit}"),
+            format!("--without-fence={without_fences}"),
         ];
         flags.extend(threads.map(|threads| format!("--threads={threads}")));
         flags.extend(gpu_awake.map(|hold| format!("--gpu-awake-ms={}", hold.as_millis())));

@@ -29,7 +29,7 @@ use rustix::process::{
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::low_level::pipe;
 
-use super::{ServeError, ServeSettings};
+use super::{ServeError, ServeSettings, fences};
 use crate::execute::gpu::GpuChoices;
 
 /// How long to wait for the lock of a supervisor that has exited. One that lives is not waited for.
@@ -194,6 +194,7 @@ fn spawn_worker(settings: &ServeSettings, restarted: bool) -> Result<Child, Serv
         // Mesa's layer that sorts adapters asks the user's display which one it runs on. A daemon
         // has no display to ask, and its user chooses by --gpu.
         .env("NODEVICE_SELECT", "1")
+        .envs(fences::driver_caches())
         // Nothing is written: the pipe shows when the worker's files are closed.
         .stdin(Stdio::piped())
         .spawn()

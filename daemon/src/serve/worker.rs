@@ -21,6 +21,7 @@ use pairmask_wire::{SkipTotals, StatusBody, Version};
 use rustix::process::Signal;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
+use super::fences;
 use super::heartbeat::Beating;
 use super::status_writer::StatusWriter;
 use super::worker_threads::WorkerThreads;
@@ -42,6 +43,7 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
             .map_err(ServeError::system("installing signal handlers"))?;
     }
     bind_to(supervisor)?;
+    let fences = fences::raise(settings);
     let beating = Beating::start(&settings.dir, &settings.instance)?;
     survive_cut_memory().map_err(ServeError::system("installing a signal handler"))?;
     let daemon = &settings.daemon;
@@ -65,6 +67,7 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
         worker_pid: std::process::id(),
         supervisor_pid: supervisor,
         version: Version::CURRENT,
+        fences: fences.number(),
     };
     let body = StatusBody { pid: record.worker_pid, ..StatusBody::default() };
     let opening = GpuCounts { opening: gpus.len() as u32, open: 0 };

@@ -41,7 +41,7 @@ fn a_daemon_reports_what_it_did() {
     }
     let report = status(&sandbox, &daemon, "--json").json();
     let instance = &report["instances"][0];
-    let fields = "instance state version pid supervisor_pid daemon problem";
+    let fields = "instance state version pid supervisor_pid fences daemon problem";
     assert_eq!(keys(instance), names(fields));
     assert_eq!((&instance["instance"], &instance["state"]), (&"default".into(), &"alive".into()));
     assert_eq!(instance["pid"], daemon.record().unwrap().worker_pid);

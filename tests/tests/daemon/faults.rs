@@ -335,7 +335,7 @@ fn a_missing_daemon_and_another_version_are_distinguished() {
     assert!(matches!(connect(), ConnectError::NoDaemon { .. }));
     let (pid, name) = (std::process::id(), InstanceName::default());
     let record = |worker_pid, version| {
-        let record = DaemonRecord { worker_pid, supervisor_pid: pid, version };
+        let record = DaemonRecord { worker_pid, supervisor_pid: pid, version, fences: 0 };
         slot.write_record(&name, &record).unwrap();
     };
     let older = Version { minor: Version::CURRENT.minor - 1, ..Version::CURRENT };

@@ -5,6 +5,7 @@ mod ailing_daemons;
 mod attacks;
 mod c_clients;
 mod faults;
+mod fences;
 mod filtered_frames;
 mod full_shm;
 mod margined_scenes;

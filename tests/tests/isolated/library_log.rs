@@ -62,7 +62,7 @@ fn the_cause_is_named() {
     let pid = std::process::id();
     let older = Version { minor: Version::CURRENT.minor - 1, ..Version::CURRENT };
     for version in [Version { major: 9, minor: 0 }, older] {
-        let record = DaemonRecord { worker_pid: pid, supervisor_pid: pid, version };
+        let record = DaemonRecord { worker_pid: pid, supervisor_pid: pid, version, fences: 0 };
         empty.write_record(&name, &record).unwrap();
         let is_other = |e: &ConnectError| matches!(e, ConnectError::VersionMismatch { .. });
         check(at(&empty), is_other, &format!("wire version {version}"));

@@ -9,6 +9,7 @@ use std::time::Duration;
 use pairmask_transport::{Limits, RuntimeDir};
 use pairmask_wire::InstanceName;
 use pairmaskd::execute::gpu::GpuChoice;
+use pairmaskd::serve::fences::{Refusal, WithoutFences};
 use pairmaskd::serve::{DaemonSettings, ServeError, ServeSettings, work};
 
 mod allocations;
@@ -28,12 +29,15 @@ fn settings(dir: &Path) -> ServeSettings {
         alter_answers: None,
         watch_devices: None,
         restarted: false,
+        refusal: Refusal::Fails,
         instance: InstanceName::default(),
         dir: RuntimeDir::at(dir),
         daemon: DaemonSettings {
             limits: Limits::default(),
             gpu: GpuChoice::None.into(),
             gpu_awake: Some(Duration::ZERO),
+            // The process is the test's.
+            without_fences: WithoutFences::ALL,
             ..DaemonSettings::default()
         },
     }

@@ -1,0 +1,145 @@
+//! Fences of the worker: what it tries inside them is refused, and possible without them. All else goes on.
+
+use std::fs;
+use std::os::unix::net::UnixListener;
+use std::process::Command;
+
+use pairmask_tests::command_line::eventually;
+use pairmask_tests::daemon::program;
+use pairmask_tests::prelude::*;
+use pairmaskd::serve::fences::{Fence, FenceState, Fences, WithoutFences};
+use rustix::process::Pid;
+
+use Fence::{Landlock, Rlimits, Seccomp};
+
+/// What a process with fences tries, and the fences each of which refuses it alone.
+const ATTEMPTS: [(&str, &[Fence]); 14] = [
+    ("serve", &[]),
+    ("exec", &[Landlock, Seccomp]),
+    ("spawn", &[Landlock, Seccomp]),
+    ("fork", &[Seccomp]),
+    ("ptrace", &[Seccomp]),
+    ("unshare", &[Seccomp]),
+    ("setuid", &[Seccomp]),
+    ("signal", &[Landlock, Seccomp]),
+    ("read-home", &[Landlock]),
+    ("write-home", &[Landlock]),
+    ("tcp", &[Landlock, Seccomp]),
+    ("udp", &[Seccomp]),
+    ("terminal", &[Seccomp]),
+    ("core", &[Rlimits]),
+];
+/// Attempts that an older version of Landlock does not know.
+const OF_LATER_KERNELS: [&str; 2] = ["signal", "tcp"];
+
+/// A choice of fences to do without, and whether it includes each.
+fn choices() -> impl Iterator<Item = (String, [bool; 4])> {
+    (0..16).map(|bits| {
+        let without: [bool; 4] = std::array::from_fn(|place| bits >> place & 1 == 1);
+        let names = Fence::ALL.iter().zip(without).filter(|(_, is_in)| *is_in);
+        let names: Vec<_> = names.map(|(fence, _)| fence.as_str()).collect();
+        (if names.is_empty() { "none".into() } else { names.join(",") }, without)
+    })
+}
+
+#[test]
+fn each_fence_refuses_its_attempts_and_no_others() {
+    let (home, dir) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    fs::write(home.path().join("secret"), "key").unwrap();
+    let _service = UnixListener::bind(home.path().join("service")).unwrap();
+    let has_core_dumps =
+        rustix::process::getrlimit(rustix::process::Resource::Core).maximum != Some(0);
+    let mut refused_by = [0; 4];
+    for (without, is_without) in choices() {
+        assert!(without.parse::<WithoutFences>().is_ok());
+        let stream = ("stream", &[Seccomp][..]);
+        for (attempt, refusers) in ATTEMPTS.into_iter().chain([stream]) {
+            if attempt == "core" && !has_core_dumps {
+                continue;
+            }
+            let mut command = Command::new(program("fenced"));
+            command.arg(&without).arg(dir.path()).arg(attempt).env("HOME", home.path());
+            let output = command.output().unwrap();
+            let _ = fs::remove_file(dir.path().join("port"));
+            let said = String::from_utf8_lossy(&output.stdout).into_owned();
+            let fences = Fences::from_number(said.trim().parse().unwrap()).unwrap();
+            let state = |fence: Fence| fences.state(fence);
+            for (fence, is_off) in Fence::ALL.into_iter().zip(is_without).skip(1) {
+                assert_eq!(state(fence) == FenceState::Off, is_off, "{attempt} without {without}");
+            }
+            // A later Landlock knows this one too.
+            let is_open = attempt == "stream" || OF_LATER_KERNELS.contains(&attempt);
+            let holds = |fence: &&Fence| match state(**fence) {
+                FenceState::Holds | FenceState::Partly => true,
+                FenceState::Unavailable | FenceState::Off => false,
+            };
+            let refusers: Vec<_> = refusers.iter().filter(holds).collect();
+            if is_open && holds(&&Landlock) && !refusers.contains(&&Seccomp) {
+                continue;
+            }
+            let expected = if refusers.is_empty() { 0 } else { 1 };
+            assert_eq!(
+                output.status.code(),
+                Some(expected),
+                "{attempt} without {without}: {output:?}"
+            );
+            for fence in refusers {
+                refused_by[*fence as usize] += 1;
+            }
+        }
+    }
+    assert!(refused_by[Seccomp as usize] > 0, "this kernel has no seccomp: nothing was tested");
+}
+
+/// Lines of each thread's status that begin so.
+fn of_threads(worker: Pid, field: &str) -> Vec<String> {
+    let threads = fs::read_dir(format!("/proc/{}/task", worker.as_raw_nonzero())).unwrap();
+    let statuses =
+        threads.filter_map(|thread| fs::read_to_string(thread.ok()?.path().join("status")).ok());
+    let line =
+        |status: String| status.lines().find(|line| line.starts_with(field)).map(str::to_owned);
+    statuses.filter_map(line).collect()
+}
+
+fn reported(daemon: &TestDaemon) -> Fences {
+    Fences::from_number(eventually("a record", || daemon.record()).fences).unwrap()
+}
+
+#[test]
+fn all_threads_of_a_worker_are_fenced_and_so_are_those_of_the_next() {
+    let daemon = TestDaemon::start(&["--gpu", "software"]);
+    let mut session = daemon.connect();
+    let boxes = stress_scenes::named("uniform").boxes(3_000, 1);
+    for _ in 0..3 {
+        assert_eq!(session.answer(&boxes).sorted(), oracle::truth(&boxes).pairs);
+        let worker = daemon.worker();
+        let seccomp = of_threads(worker, "Seccomp:");
+        assert!(seccomp.len() > 5, "{seccomp:?}");
+        assert!(seccomp.iter().all(|line| line == "Seccomp:\t2"), "{seccomp:?}");
+        let rights = of_threads(worker, "NoNewPrivs:");
+        assert!(rights.iter().all(|line| line == "NoNewPrivs:\t1"), "{rights:?}");
+        let limits =
+            fs::read_to_string(format!("/proc/{}/limits", worker.as_raw_nonzero())).unwrap();
+        let core = limits.lines().find(|line| line.starts_with("Max core")).unwrap();
+        assert_eq!(core.split_whitespace().skip(4).take(2).collect::<Vec<_>>(), ["0", "0"]);
+        for fence in [Fence::NoNewPrivs, Seccomp, Rlimits] {
+            assert_eq!(reported(&daemon).state(fence), FenceState::Holds, "{fence:?}");
+        }
+        assert_ne!(reported(&daemon).state(Landlock), FenceState::Off);
+        daemon.signal_worker(Signal::KILL);
+        until("another worker serves", || daemon.record().is_some() && daemon.worker() != worker);
+        daemon.wait_for_gpus();
+        session = daemon.connect();
+    }
+}
+
+#[test]
+fn a_worker_without_fences_serves() {
+    let daemon = TestDaemon::start(&["--gpu", "none", "--without-fence", "all"]);
+    let boxes = stress_scenes::named("uniform").boxes(300, 1);
+    assert_eq!(daemon.connect().answer(&boxes).sorted(), oracle::truth(&boxes).pairs);
+    let seccomp = of_threads(daemon.worker(), "Seccomp:");
+    let own = of_threads(rustix::process::getpid(), "Seccomp:");
+    assert!(seccomp.iter().all(|line| *line == own[0]), "{seccomp:?}");
+    assert!(Fence::ALL.iter().all(|fence| reported(&daemon).state(*fence) == FenceState::Off));
+}
