@@ -4,6 +4,7 @@ use std::num::{NonZeroU16, NonZeroU32, NonZeroUsize};
 use std::time::Duration;
 
 use clap::Args;
+use clap::builder::FalseyValueParser;
 use pairmask_transport::Limits;
 
 use super::options::{CommonOptions, DaemonOptions};
@@ -57,7 +58,7 @@ pub struct Serve {
     #[arg(long, env = "PAIRMASK_WITHOUT_FENCE", value_name = "NAMES")]
     without_fence: Option<WithoutFences>,
     /// Log system calls that a fence would refuse, and make them. A worker has it from its environment.
-    #[arg(long, hide = true, env = "PAIRMASK_SECCOMP_LOG")]
+    #[arg(long, hide = true, env = "PAIRMASK_SECCOMP_LOG", value_parser = FalseyValueParser::new())]
     seccomp_log: bool,
     /// Serve in this process, as long as its parent is the supervisor of this id: what a supervisor
     /// starts.

@@ -155,7 +155,7 @@ impl Instance {
             writeln!(text, "  {problem}")?;
         }
         if let Some(fences) = Fences::from_number(self.record.fences) {
-            writeln!(text, "  fences: {}", fences_text(&fences))?;
+            writeln!(text, "  fences: {}", fences_text(fences))?;
         }
         self.counters.as_ref().map_or(Ok(()), |counters| counters.write_to(text))
     }
@@ -257,7 +257,7 @@ fn fences_json(fences: Fences) -> Value {
     Value::Object(Fence::ALL.into_iter().map(state).collect())
 }
 
-fn fences_text(fences: &Fences) -> String {
+fn fences_text(fences: Fences) -> String {
     let text = |fence: Fence| match fences.state(fence) {
         FenceState::Holds => fence.as_str().to_owned(),
         other => format!("{} ({})", fence.as_str(), other.as_str()),

@@ -28,8 +28,8 @@ use super::{FenceError, FenceState};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {
     Fails,
-    /// It is made, and the kernel logs its number (`type=1326`): to see what a driver misses, with
-    /// `PAIRMASK_SECCOMP_LOG=1`. The fence counts as off.
+    /// It is made, and the kernel logs its number (`type=1326`), to see what a driver misses:
+    /// `PAIRMASK_SECCOMP_LOG=1`. The fence counts as off. Calls that do not exist for the worker still do not.
     Logged,
 }
 
@@ -88,6 +88,7 @@ const DENIED: &[libc::c_long] = &[
     libc::SYS_finit_module,
     libc::SYS_delete_module,
     libc::SYS_kexec_load,
+    libc::SYS_kexec_file_load,
     libc::SYS_reboot,
     libc::SYS_bpf,
     libc::SYS_perf_event_open,
@@ -118,21 +119,18 @@ const DENIED_HERE: &[libc::c_long] = &[
     libc::SYS_iopl,
     libc::SYS_ioperm,
     libc::SYS_modify_ldt,
-    libc::SYS_uselib,
-    libc::SYS_ustat,
-    libc::SYS__sysctl,
-    libc::SYS_kexec_file_load,
 ];
 #[cfg(not(target_arch = "x86_64"))]
 const DENIED_HERE: &[libc::c_long] = &[];
 
 /// Flags of namespaces, of which a process is made its own. Threads of drivers unshare other things.
-const NAMESPACES: [libc::c_int; 7] = [
+const NAMESPACES: [libc::c_int; 8] = [
     libc::CLONE_NEWCGROUP,
     libc::CLONE_NEWIPC,
     libc::CLONE_NEWNET,
     libc::CLONE_NEWNS,
     libc::CLONE_NEWPID,
+    libc::CLONE_NEWTIME,
     libc::CLONE_NEWUSER,
     libc::CLONE_NEWUTS,
 ];
@@ -172,10 +170,7 @@ fn conditions() -> [(libc::c_long, Vec<Vec<Condition>>); 8] {
             vec![vec![(0, Ne, unix)], vec![(1, MaskedEq(SOCKET_KIND), libc::SOCK_STREAM as u64)]],
         ),
         // What would be typed into the terminal that the daemon was started from.
-        (
-            libc::SYS_ioctl,
-            vec![vec![(1, Eq, libc::TIOCSTI as u64)], vec![(1, Eq, libc::TIOCLINUX as u64)]],
-        ),
+        (libc::SYS_ioctl, vec![vec![(1, Eq, libc::TIOCSTI)], vec![(1, Eq, libc::TIOCLINUX)]]),
         // Signals to others.
         (libc::SYS_kill, vec![vec![(0, Ne, own)]]),
         (libc::SYS_tgkill, vec![vec![(0, Ne, own)]]),
@@ -187,10 +182,6 @@ fn conditions() -> [(libc::c_long, Vec<Vec<Condition>>); 8] {
 fn program(refusal: Refusal) -> Result<BpfProgram, BackendError> {
     let denied = match refusal {
         Refusal::Fails => SeccompAction::Errno(libc::EPERM as u32),
-        Refusal::Logged => SeccompAction::Log,
-    };
-    let missing = match refusal {
-        Refusal::Fails => SeccompAction::Errno(libc::ENOSYS as u32),
         Refusal::Logged => SeccompAction::Log,
     };
     let mut rules: BTreeMap<i64, Vec<SeccompRule>> = BTreeMap::new();
@@ -205,14 +196,15 @@ fn program(refusal: Refusal) -> Result<BpfProgram, BackendError> {
         rules.insert(call, alternatives.into_iter().map(rule).collect::<Result<_, _>>()?);
     }
     let filter = SeccompFilter::new(rules, SeccompAction::Allow, denied, ARCH.try_into()?)?;
-    let mut program = of_missing_calls(missing).to_vec();
+    let mut program = of_missing_calls().to_vec();
     program.extend(BpfProgram::try_from(filter)?);
     Ok(program)
 }
 
 /// The head of the program, for calls that do not exist for the worker. Newer ones; and `clone3`, whose flags
 /// are in memory, where no filter can read them: C libraries start threads by `clone` without it.
-fn of_missing_calls(action: SeccompAction) -> [sock_filter; 4] {
+fn of_missing_calls() -> [sock_filter; 4] {
+    let action = SeccompAction::Errno(libc::ENOSYS as u32);
     let instruction =
         |code: u32, [jt, jf]: [u8; 2], k| sock_filter { code: code as u16, jt, jf, k };
     let compare = libc::BPF_JMP | libc::BPF_K;
