@@ -195,7 +195,7 @@ fn serve(
     let (dir, name, pid) = (RuntimeDir::from_env(), InstanceName::default(), std::process::id());
     dir.ensure()?;
     let record =
-        DaemonRecord { worker_pid: pid, supervisor_pid: pid, version: Version::CURRENT };
+        DaemonRecord { worker_pid: pid, supervisor_pid: pid, version: Version::CURRENT, fences: 0 };
     dir.write_record(&name, &record)?;
     let served = raw::serve(&dir, || until.is_over(), |request| {
         answer(request);

@@ -21,6 +21,7 @@ use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::serve::fences::{Refusal, raise};
 use pairmaskd::serve::{DaemonSettings, ServeSettings};
 use rustix::process::{Resource, getppid, getrlimit, test_kill_process};
+use rustix::thread::no_new_privs;
 
 fn main() -> Result<ExitCode, Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
@@ -119,6 +120,8 @@ fn make(attempt: &str, dir: &Path) -> io::Result<()> {
             Some(0) => Err(io::Error::other("no core dumps")),
             _ => Ok(()),
         },
+        "new-privs" if no_new_privs()? => Err(io::Error::other("no new privileges")),
+        "new-privs" => Ok(()),
         _ => Err(io::Error::other(format!("no attempt is called {attempt}"))),
     }
 }

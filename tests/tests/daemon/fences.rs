@@ -7,13 +7,14 @@ use std::process::Command;
 use pairmask_tests::command_line::eventually;
 use pairmask_tests::daemon::program;
 use pairmask_tests::prelude::*;
-use pairmaskd::serve::fences::{Fence, FenceState, Fences, WithoutFences};
-use rustix::process::Pid;
+use pairmaskd::serve::fences::{Fence, FenceState, Fences};
+use rustix::process::{Pid, Resource, getrlimit};
+use rustix::thread::no_new_privs;
 
-use Fence::{Landlock, Rlimits, Seccomp};
+use Fence::{Landlock, NoNewPrivs, Rlimits, Seccomp};
 
 /// What a process with fences tries, and the fences each of which refuses it alone.
-const ATTEMPTS: [(&str, &[Fence]); 15] = [
+const ATTEMPTS: [(&str, &[Fence]); 17] = [
     ("serve", &[]),
     ("exec", &[Landlock, Seccomp]),
     ("spawn", &[Landlock, Seccomp]),
@@ -28,10 +29,12 @@ const ATTEMPTS: [(&str, &[Fence]); 15] = [
     ("tcp", &[Landlock, Seccomp]),
     ("udp", &[Seccomp]),
     ("terminal", &[Seccomp]),
+    ("stream", &[Seccomp]),
     ("core", &[Rlimits]),
+    ("new-privs", &[NoNewPrivs, Landlock, Seccomp]),
 ];
-/// Attempts that an older version of Landlock does not know.
-const OF_LATER_KERNELS: [&str; 2] = ["signal", "tcp"];
+/// Attempts that Landlock refuses in a later version, and lets pass in an earlier one.
+const OF_LATER_KERNELS: [&str; 3] = ["signal", "tcp", "stream"];
 
 /// A choice of fences to do without, and whether it includes each.
 fn choices() -> impl Iterator<Item = (String, [bool; 4])> {
@@ -48,14 +51,13 @@ fn each_fence_refuses_its_attempts_and_no_others() {
     let (home, dir) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     fs::write(home.path().join("secret"), "key").unwrap();
     let _service = UnixListener::bind(home.path().join("service")).unwrap();
-    let has_core_dumps =
-        rustix::process::getrlimit(rustix::process::Resource::Core).maximum != Some(0);
+    // What this process may not do itself, no choice of fences allows.
+    let no_core_dumps = (getrlimit(Resource::Core).maximum == Some(0)).then_some("core");
+    let no_new_privs = no_new_privs().unwrap().then_some("new-privs");
     let mut refused_by = [0; 4];
     for (without, is_without) in choices() {
-        assert!(without.parse::<WithoutFences>().is_ok());
-        let stream = ("stream", &[Seccomp][..]);
-        for (attempt, refusers) in ATTEMPTS.into_iter().chain([stream]) {
-            if attempt == "core" && !has_core_dumps {
+        for (attempt, refusers) in ATTEMPTS {
+            if [no_core_dumps, no_new_privs].contains(&Some(attempt)) {
                 continue;
             }
             let mut command = Command::new(program("fenced"));
@@ -68,14 +70,13 @@ fn each_fence_refuses_its_attempts_and_no_others() {
             for (fence, is_off) in Fence::ALL.into_iter().zip(is_without).skip(1) {
                 assert_eq!(state(fence) == FenceState::Off, is_off, "{attempt} without {without}");
             }
-            // A later Landlock knows this one too.
-            let is_open = attempt == "stream" || OF_LATER_KERNELS.contains(&attempt);
-            let holds = |fence: &&Fence| match state(**fence) {
+            let holds = |fence: &Fence| match state(*fence) {
                 FenceState::Holds | FenceState::Partly => true,
                 FenceState::Unavailable | FenceState::Off => false,
             };
-            let refusers: Vec<_> = refusers.iter().filter(holds).collect();
-            if is_open && holds(&&Landlock) && !refusers.contains(&&Seccomp) {
+            let refusers: Vec<_> = refusers.iter().copied().filter(holds).collect();
+            let is_open = OF_LATER_KERNELS.contains(&attempt) && holds(&Landlock);
+            if is_open && !refusers.contains(&Seccomp) {
                 continue;
             }
             let expected = i32::from(!refusers.is_empty());
@@ -85,7 +86,7 @@ fn each_fence_refuses_its_attempts_and_no_others() {
                 "{attempt} without {without}: {output:?}"
             );
             for fence in refusers {
-                refused_by[*fence as usize] += 1;
+                refused_by[fence as usize] += 1;
             }
         }
     }
@@ -123,7 +124,7 @@ fn all_threads_of_a_worker_are_fenced_and_so_are_those_of_the_next() {
             fs::read_to_string(format!("/proc/{}/limits", worker.as_raw_nonzero())).unwrap();
         let core = limits.lines().find(|line| line.starts_with("Max core")).unwrap();
         assert_eq!(core.split_whitespace().skip(4).take(2).collect::<Vec<_>>(), ["0", "0"]);
-        for fence in [Fence::NoNewPrivs, Seccomp, Rlimits] {
+        for fence in [NoNewPrivs, Seccomp, Rlimits] {
             assert_eq!(reported(&daemon).state(fence), FenceState::Holds, "{fence:?}");
         }
         assert_ne!(reported(&daemon).state(Landlock), FenceState::Off);
