@@ -1,5 +1,6 @@
 //! The daemon's end of the socket: it lets clients in, notices at once when one is gone, and sleeps until one sends.
 
+use std::mem::MaybeUninit;
 use std::os::fd::{AsFd, AsRawFd, OwnedFd};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -269,20 +270,21 @@ impl Door {
         let slept = if peers.iter().any(|peer| peer.has_sent().is_some()) {
             Ok(())
         } else {
-            self.wait(until)
+            self.wait(peers, until)
         };
         peers.iter().for_each(|peer| peer.wakes_up());
         slept
     }
 
-    fn wait(&self, until: Instant) -> Result<(), TransportError> {
+    fn wait(&self, peers: &[Arc<Peer>], until: Instant) -> Result<(), TransportError> {
         let left = timespec(until.saturating_duration_since(Instant::now()));
-        let mut events = Vec::with_capacity(EVENTS);
-        match epoll::wait(&self.wakes, rustix::buffer::spare_capacity(&mut events), Some(&left)) {
-            Ok(_) | Err(Errno::INTR) => {}
+        let mut room = [MaybeUninit::uninit(); EVENTS];
+        let events = match epoll::wait(&self.wakes, &mut room, Some(&left)) {
+            Ok((events, _)) => events,
+            Err(Errno::INTR) => return Ok(()),
             Err(error) => return Err(TransportError::new("waiting to be woken", &error)),
-        }
-        for peer in self.peers() {
+        };
+        for peer in peers {
             let its = |event: &epoll::Event| event.data.u64() == peer.socket().as_raw_fd() as u64;
             if events.iter().any(its) && !peer.bell().take() {
                 // It has closed its end, and is looked at now and then.

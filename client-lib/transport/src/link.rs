@@ -59,7 +59,7 @@ pub enum ConnectFailure {
     OtherVersion(Version),
     /// The instance's directory cannot be used.
     Instance(InstanceError),
-    /// The services cannot be opened.
+    /// The daemon does not let this client in, or there is no memory.
     Open(OpenError),
 }
 

@@ -49,7 +49,7 @@ impl Waits<'_> {
                 Seen::Running if waited < SAYS_WITHIN => {}
                 Seen::Running | Seen::Silent => return Err(LinkError::Timeout { waited }),
             }
-            sleep_on(&[self.socket], WAIT_SLICE)?;
+            sleep_on(self.socket, WAIT_SLICE)?;
         }
     }
 
@@ -83,12 +83,10 @@ impl Waits<'_> {
     }
 }
 
-/// Sleeps until one of the files can be read, for so long at most. By the system's fine clock.
-fn sleep_on(files: &[BorrowedFd<'_>], most: Duration) -> Result<(), TransportError> {
+/// Sleeps until a file can be read, for so long at most. By the system's fine clock.
+fn sleep_on(file: BorrowedFd<'_>, most: Duration) -> Result<(), TransportError> {
     let most = Timespec { tv_sec: most.as_secs() as i64, tv_nsec: most.subsec_nanos().into() };
-    let mut fds: Vec<_> =
-        files.iter().map(|file| PollFd::from_borrowed_fd(*file, PollFlags::IN)).collect();
-    match poll(&mut fds, Some(&most)) {
+    match poll(&mut [PollFd::from_borrowed_fd(file, PollFlags::IN)], Some(&most)) {
         Ok(_) | Err(rustix::io::Errno::INTR) => Ok(()),
         Err(error) => Err(TransportError::new("waiting to be woken", &error)),
     }
@@ -174,7 +172,7 @@ impl Link {
         let slept = if pending.is_answered() {
             Ok(())
         } else {
-            sleep_on(&[self.bell.as_fd()], left)
+            sleep_on(self.bell.as_fd(), left)
         };
         count(-1);
         if !self.bell.take() {

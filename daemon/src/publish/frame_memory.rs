@@ -7,13 +7,12 @@ use pairmask_core::objects::Objects;
 use super::OpenRequest;
 use crate::execute::FrameMemory;
 
-// SAFETY: boxes and loan lie in the shared memory of a request and a response, which stay mapped where
-// they are as long as these are held, wherever the value that holds them is moved. The objects were
-// placed once, before the value becomes the memory of a frame, and the payload's length is a copy: the
-// objects are the same each time. A loan is written by its holder alone until it is sent, which takes
-// the value back first. The segment of replies belongs to the server port, which a worker holds longer
-// than its engines, and which never maps it anew (`transport::services`: a static allocation). Its pages are
-// given back where nobody lends them and no GPU has them (`ReplyMemory::give_back`).
+// SAFETY: boxes and loan lie in shared memory, that of a client and of its answers, which stays mapped where it is as long
+// as the request is held, wherever the value that holds it is moved: the request holds its client. The objects were
+// placed once, before the value becomes the memory of a frame, and the payload's place is a copy: the objects are the
+// same each time. A loan is written by its holder alone until it is sent, which takes the value back first. Memory of
+// answers is given back, or unmapped, where nobody lends it and no GPU has it (`transport::Door::tidy`, with
+// `Responder::tidy`).
 unsafe impl FrameMemory for OpenRequest {
     fn with<R>(&mut self, work: impl FnOnce(Objects<'_>, &mut dyn ReplyBuffer) -> R) -> R {
         let (objects, mut reply) = self.parts();

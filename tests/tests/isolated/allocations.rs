@@ -1,8 +1,4 @@
 //! Steady frames allocate nothing on the heap: client, daemon and in process.
-//!
-//! The transport makes three small objects for each request (two in the server, one in the client).
-//! So frames through the daemon are compared with bare requests over the same services: they may
-//! have no allocation more.
 #![allow(unsafe_code, clippy::unwrap_used)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
