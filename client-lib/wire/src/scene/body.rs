@@ -5,13 +5,15 @@ use std::borrow::Cow;
 use bytemuck::{Pod, Zeroable};
 use pairmask_core::aabb::Aabb;
 use pairmask_core::filters::{Filter, FilterTable};
-use pairmask_core::scene::{Edit, FilterDataSets, Indices, Sets, Step, UserDataSets};
+use pairmask_core::scene::{Edit, FilterDataSets, Indices, Sets, Step, UserData, UserDataSets};
 use pairmask_core::write::par_write_boxes;
 
 use super::request::{BOX_BYTES, SceneRequest};
 use crate::page::Page;
 use crate::reject::Reject;
-use crate::rules::entries::{FILTER_WORDS, NAMED_PER_BOX, PAIR_WORDS, filter_of, words_of};
+use crate::rules::entries::{
+    FILTER_DATA_WORDS, FILTER_WORDS, NAMED_PER_BOX, PAIR_WORDS, filter_of, words_of,
+};
 use crate::section::{Section, SectionKind};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
@@ -31,6 +33,26 @@ struct StepRecord {
     entries_at: u32,
 }
 
+impl StepRecord {
+    /// Words that name its indices.
+    const fn words(&self) -> u64 {
+        if matches!(self.names, LIST | MASK) { self.count as u64 } else { 0 }
+    }
+
+    /// Words of what it has beside its indices, of which there are so many: filter data, user data, filters or pairs.
+    const fn entry_words(&self, indices: usize) -> u64 {
+        match self.does {
+            FILTER_DATUM => (FILTER_DATA_WORDS * indices) as u64,
+            USER_DATA => (USER_DATA_WORDS * indices) as u64,
+            FILTERS => FILTER_WORDS as u64 * self.count as u64,
+            INCLUDE | INCLUDE_NO_MORE | EXCLUDE | EXCLUDE_NO_MORE => {
+                PAIR_WORDS as u64 * self.count as u64
+            }
+            _ => 0,
+        }
+    }
+}
+
 pub(super) const STEP_BYTES: u64 = 24;
 const _: () = assert!(size_of::<StepRecord>() as u64 == STEP_BYTES);
 
@@ -47,6 +69,8 @@ const INCLUDE_NO_MORE: u32 = 10;
 const EXCLUDE: u32 = 11;
 const EXCLUDE_NO_MORE: u32 = 12;
 const USER_DATA: u32 = 13;
+
+const USER_DATA_WORDS: usize = size_of::<UserData>() / size_of::<u32>();
 
 const LIST: u32 = 1;
 const RANGE: u32 = 2;
@@ -316,13 +340,23 @@ impl EditScratch {
 
     /// The steps of the edit that was copied, over its boxes.
     fn steps_of<'a>(&'a self, boxes: &'a [Aabb]) -> Result<Vec<Step<'a>>, Reject> {
-        let mut named = 0;
+        let (mut named, mut words, mut set) = (0, 0, 0);
         let mut steps = Vec::with_capacity(self.records.len());
         for record in &self.records {
+            // Steps share nothing. If they could, a record would make all words of an edit work once more.
+            words += record.words();
+            if words > self.words.len() as u64 {
+                return Err(Reject::Edit("indices"));
+            }
             let indices = indices_of(record, &self.words).ok_or(Reject::Edit("indices"))?;
             named += indices.len() as u64;
             if named > NAMED_PER_BOX * u64::from(self.most_boxes) {
                 return Err(Reject::Edit("number of indices"));
+            }
+            words += record.entry_words(indices.len());
+            set += if record.does == SET { indices.len() } else { 0 };
+            if words > self.words.len() as u64 || set > boxes.len() {
+                return Err(Reject::Edit("steps"));
             }
             steps.push(self.step(record, indices, boxes).ok_or(Reject::Edit("steps"))?);
         }

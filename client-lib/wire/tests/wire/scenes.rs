@@ -253,6 +253,34 @@ fn forged_rules_are_refused() {
     }
 }
 
+/// Each record of an edit that shares what it names would make it work once more, for its 24 bytes.
+#[test]
+fn steps_that_share_words_or_boxes_are_refused() {
+    let (boxes, filter_data) = ([at(0.0); 2], [FilterData::default(); 2]);
+    let all: [&dyn Fn() -> Step<'static>; 3] = [
+        &|| Step::Include(&[[0, 1], [1, 2]], true),
+        &|| Step::Remove(Indices::Mask { first: 0, words: &[1, 0, 0, 0] }),
+        &|| Step::Remove(Indices::List(&[3, 1])),
+    ];
+    let sets = Step::Set(Sets { indices: (0..2).into(), boxes: &boxes });
+    let given = FilterDataSets { indices: (0..2).into(), filter_data: &filter_data };
+    let steps = all.iter().map(|step| step()).chain([sets, Step::FilterData(given)]);
+    for (number, step) in steps.enumerate() {
+        let (layout, mut payload) = written(&[step, step]);
+        let request = request(&layout, 10);
+        let read = |payload| EditScratch::default().read(&request, payload).map(|read| read.len());
+        assert_eq!(read(&payload), Ok(2), "{number}");
+        let [boxes, steps, indices] = layout.sections();
+        let (records, payload_words) = ((steps.offset / 4) as usize, &mut payload);
+        let words: &mut [u32] = bytemuck::cast_slice_mut(payload_words);
+        words.copy_within(records..records + 6, records + 6);
+        let half = |section: Section| Section { bytes: section.bytes / 2, ..section };
+        let request = SceneRequest { boxes: half(boxes), indices: half(indices), ..request };
+        let refused = EditScratch::default().read(&request, &payload).map(drop);
+        assert!(matches!(refused, Err(Reject::Edit(_))), "{number}: {refused:?}");
+    }
+}
+
 #[test]
 fn forged_edits_are_refused() {
     let boxes = [at(0.0), at(0.5)];
