@@ -10,7 +10,8 @@ use pairmask_transport::GpuCounts;
 
 use super::GpuService;
 use super::gpu::{Gpu, SceneTools, compute_alike};
-use super::shared_gpu::{SharedGpu, Turn};
+use super::shared_gpu::SharedGpu;
+use super::turns::Turn;
 
 /// Fewest boxes of a scene that all GPUs keep: each edit is brought to all of them, and a search of fewer boxes ends
 /// too soon to make up for that.

@@ -10,6 +10,7 @@ mod ruled;
 mod scene_host;
 mod shared_gpu;
 mod spheres;
+mod turns;
 
 pub use self::cpu_side::Planned;
 pub(crate) use self::cpu_side::is_left_to_cores;
@@ -24,7 +25,7 @@ pub use self::ruled::RuledFrame;
 pub use self::scene_host::SceneHost;
 pub use self::shared_gpu::{CullUnderWay, Ended, Joining, SharedGpu, Unserved};
 
-use std::sync::Arc;
+use std::sync::{Arc, atomic};
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions, SphereWays};

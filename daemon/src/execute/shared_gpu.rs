@@ -12,6 +12,7 @@ use pairmask_core::spinner::Spinner;
 use pairmask_core::{Encoding, EngineName};
 
 use super::gpu::{Gpu, GridUnderWay};
+use super::turns::{Turn, Turns};
 use super::{FrameMemory, GpuService, Owner, Planned, no_gpu};
 use crate::locked;
 
@@ -83,7 +84,7 @@ impl SharedGpu {
 
     /// Waits for this thread's turn: threads have it in the order in which they asked.
     pub(super) fn turn(&self) -> Turn<'_> {
-        self.turns.take(self.is_software())
+        take_turn(&self.turns, self.is_software())
     }
 
     /// Uses the GPU when it is this thread's turn.
@@ -198,38 +199,16 @@ impl SharedGpu {
     }
 }
 
-/// Who is next. The system's lock is unfair to threads that spin, and puts the others to sleep at once.
-#[derive(Debug, Default)]
-struct Turns {
-    asked: AtomicU64,
-    /// Turns that have ended: the number of the one that is on.
-    ended: AtomicU64,
-}
-
-impl Turns {
-    /// Waits for the next turn. With `naps`, the awaited thread needs this one's core.
-    fn take(&self, naps: bool) -> Turn<'_> {
-        // Relaxed: a number, which orders nothing by itself.
-        let number = self.asked.fetch_add(1, Ordering::Relaxed);
-        let (begin, mut spinner) = (Instant::now(), Spinner::default());
-        while self.ended.load(Ordering::Acquire) != number {
-            if naps || begin.elapsed() > SPIN {
-                std::thread::sleep(NAP);
-            } else {
-                spinner.turn();
-            }
+/// Takes the next turn. With `naps`, the awaited thread needs this one's core.
+fn take_turn(turns: &Turns, naps: bool) -> Turn<'_> {
+    let (begin, mut spinner) = (Instant::now(), Spinner::default());
+    turns.take(|| {
+        if naps || begin.elapsed() > SPIN {
+            std::thread::sleep(NAP);
+        } else {
+            spinner.turn();
         }
-        Turn(self)
-    }
-}
-
-#[derive(Debug)]
-pub(super) struct Turn<'a>(&'a Turns);
-
-impl Drop for Turn<'_> {
-    fn drop(&mut self) {
-        self.0.ended.fetch_add(1, Ordering::Release);
-    }
+    })
 }
 
 #[derive(Debug)]
@@ -314,14 +293,15 @@ mod tests {
         for naps in [false, true] {
             let turns = Turns::default();
             let served = Mutex::new(Vec::new());
-            let first = turns.take(naps);
+            let first = take_turn(&turns, naps);
             std::thread::scope(|scope| {
+                let (turns, served) = (&turns, &served);
                 for thread in 1..=8 {
-                    scope.spawn(|| {
-                        let turn = turns.take(naps);
-                        served.lock().expect("no panic").push(turn.0.ended.load(Ordering::Relaxed));
+                    scope.spawn(move || {
+                        let _turn = take_turn(turns, naps);
+                        served.lock().expect("no panic").push(thread);
                     });
-                    while turns.asked.load(Ordering::Relaxed) <= thread {
+                    while turns.asked() <= thread {
                         std::thread::yield_now();
                     }
                 }

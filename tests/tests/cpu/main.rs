@@ -10,3 +10,4 @@ mod engines_agree;
 mod float_flags;
 mod layers;
 mod masks;
+mod memory_model;

@@ -11,20 +11,20 @@
 //! help      what a called thread does
 //! ```
 //!
-//! How a phase's borrows are kept from threads that outlive it: a helper enters the phase (`inside`) before it looks
-//! whether the phase is still open, and the caller closes the phase before it looks whether somebody is inside. All four
-//! are sequentially consistent, so that one of the two sees the other; and the caller waits for those inside.
+//! `phases` keeps a phase's borrows from threads that outlive it.
 #![allow(unsafe_code)]
 
 mod parts;
+mod phases;
 mod worth;
 
 use std::cell::{Cell, UnsafeCell};
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
+use std::sync::atomic::{self, AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
+use self::phases::Phases;
 use crate::spinner::Spinner;
 
 pub(crate) use parts::{Split, appended, for_each_in_parts, in_parts, part_count, zip_in_parts};
@@ -54,12 +54,9 @@ pub(crate) struct Team {
     most_helpers: usize,
     /// Helpers that were called and have not left.
     helpers: AtomicUsize,
-    /// Number of the phase, odd while it is open.
-    phase: AtomicU32,
+    phases: Phases,
     /// Whether the frame is done.
     is_over: AtomicBool,
-    /// Helpers that are in the open phase, or about to see that it is closed.
-    inside: AtomicUsize,
     /// Whether a helper panicked in the phase.
     has_panicked: AtomicBool,
     work: UnsafeCell<Option<Phase>>,
@@ -70,7 +67,7 @@ pub(crate) struct Team {
 struct Phase(*const (dyn Fn() + Sync));
 
 // SAFETY: `work` is written by the caller alone, while the phase is closed and nobody is inside, and read by helpers
-// inside of an open phase alone; the store of `phase` orders the two. The pointer is to what is `Sync`.
+// inside of an open phase alone; `phases` orders the two. The pointer is to what is `Sync`.
 unsafe impl Sync for Team {}
 // SAFETY: as above; nothing of a team belongs to a thread.
 unsafe impl Send for Team {}
@@ -141,12 +138,8 @@ struct Open<'a>(&'a Team);
 
 impl Drop for Open<'_> {
     fn drop(&mut self) {
-        let Self(team) = self;
-        team.phase.fetch_add(1, Ordering::SeqCst);
         let mut spinner = Spinner::default();
-        while team.inside.load(Ordering::SeqCst) > 0 {
-            spinner.turn();
-        }
+        self.0.phases.close(|| spinner.turn());
     }
 }
 
@@ -169,7 +162,7 @@ impl Team {
         // SAFETY: the phase is closed and nobody is inside, see `Open`, and one thread alone calls this: that which
         // took the team from `CURRENT`.
         unsafe { *self.work.get() = Some(Phase(work)) };
-        self.phase.fetch_add(1, Ordering::SeqCst);
+        self.phases.open();
         Open(self)
     }
 
@@ -195,14 +188,14 @@ impl Team {
 
     /// Does phases until the frame is over, or none has come for a while.
     fn help(&self) {
-        let (mut done, mut spinner) = (0, Spinner::default());
+        let (mut done, mut spinner) = (None, Spinner::default());
         let mut came = Instant::now();
         let linger = LINGER * (1 + (self.most_helpers / LINGER_THREADS) as u32);
         while !self.is_over.load(Ordering::Acquire) {
-            let phase = self.phase.load(Ordering::SeqCst);
-            if phase % 2 == 1 && phase != done {
+            let opened = self.phases.opened().filter(|phase| done != Some(*phase));
+            if let Some(phase) = opened {
                 self.do_phase(phase);
-                (done, came) = (phase, Instant::now());
+                (done, came) = (opened, Instant::now());
             } else if came.elapsed() > linger {
                 return;
             }
@@ -211,18 +204,15 @@ impl Team {
     }
 
     fn do_phase(&self, phase: u32) {
-        self.inside.fetch_add(1, Ordering::SeqCst);
-        if self.phase.load(Ordering::SeqCst) == phase {
-            // SAFETY: the phase is open and this thread is inside: the caller closes it and waits before it
-            // writes `work`, or ends what it borrows.
-            let work = unsafe { *self.work.get() };
-            // SAFETY: as above.
-            let run = || work.map(|Phase(work)| unsafe { (*work)() });
-            if catch_unwind(AssertUnwindSafe(run)).is_err() {
-                self.has_panicked.store(true, Ordering::Relaxed);
-            }
+        let Some(_inside) = self.phases.enter(phase) else { return };
+        // SAFETY: the phase is open and this thread is inside: the caller closes it and waits before it writes `work`,
+        // or ends what it borrows.
+        let work = unsafe { *self.work.get() };
+        // SAFETY: as above.
+        let run = || work.map(|Phase(work)| unsafe { (*work)() });
+        if catch_unwind(AssertUnwindSafe(run)).is_err() {
+            self.has_panicked.store(true, Ordering::Relaxed);
         }
-        self.inside.fetch_sub(1, Ordering::SeqCst);
     }
 }
 

@@ -15,14 +15,16 @@
 //!
 //! ```text
 //! workers    what each thread does, and who listens     (pure)
+//! sleeper    the leader's sleep, and frames that others leave with a GPU meanwhile
 //! scheduler  whose turn it is, with how many threads, and how long they spin  (pure)
 //! mod        the threads
 //! ```
 
 mod scheduler;
+mod sleeper;
 mod workers;
 
-use std::sync::atomic::{AtomicBool, Ordering, fence};
+use std::sync::atomic::{self, AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
@@ -31,6 +33,7 @@ use pairmask_core::spinner::Spinner;
 use pairmask_transport::{GpuCounts, JANITOR_INTERVAL, Sender};
 
 use self::scheduler::{Arrived, LONGEST_SLEEP, Rest, Scheduler, Task};
+use self::sleeper::Sleeper;
 use self::workers::Workers;
 use super::status_writer::StatusWriter;
 use super::{ServeError, ServeSettings};
@@ -58,8 +61,8 @@ pub(super) struct WorkerThreads<'a> {
     lead: Mutex<Lead>,
     /// Whether a thread leads, as the scheduler has it.
     is_led: AtomicBool,
-    /// Whether worker thread 0 leads and sleeps.
-    is_asleep: AtomicBool,
+    /// Worker thread 0, where it leads.
+    sleeper: Sleeper,
     scheduler: Mutex<Scheduler>,
     threads: Vec<OnceLock<Thread>>,
     writer: &'a StatusWriter,
@@ -117,7 +120,7 @@ impl<'a> WorkerThreads<'a> {
             responder,
             lead: Mutex::new(Lead { intake, arrived, tidy_at: Instant::now() }),
             is_led: AtomicBool::new(false),
-            is_asleep: AtomicBool::new(false),
+            sleeper: Sleeper::default(),
             scheduler: Mutex::new(scheduler),
             threads: (0..worker_count).map(|_| OnceLock::new()).collect(),
             writer,
@@ -267,17 +270,14 @@ impl<'a> WorkerThreads<'a> {
         match rest {
             Rest::Spin { .. } => true,
             Rest::Sleep { until } => {
-                self.is_asleep.store(true, Ordering::Relaxed);
-                // A worker thread that leaves a frame with a GPU now is seen here, or sees that this one sleeps.
-                fence(Ordering::SeqCst);
-                let is_busy = self.responder.culls.is_busy();
-                // A request that came between the last look and the sleep has left its wake-up: it is
-                // not lost, the sleep ends at once.
-                if !is_busy && let Err(error) = intake.sleep_until(until) {
-                    log::debug!("waiting for requests: {error:?}");
-                }
-                self.is_asleep.store(false, Ordering::Relaxed);
-                is_busy
+                let is_busy = || self.responder.culls.is_busy();
+                self.sleeper.sleep_unless(is_busy, || {
+                    // A request that came between the last look and the sleep has left its wake-up: it is
+                    // not lost, the sleep ends at once.
+                    if let Err(error) = intake.sleep_until(until) {
+                        log::debug!("waiting for requests: {error:?}");
+                    }
+                })
             }
         }
     }
@@ -311,12 +311,11 @@ impl<'a> WorkerThreads<'a> {
     /// Spins until the lead is free, or goes to rest. While worker thread 0 leads asleep, it publishes what a GPU has under
     /// way: worker thread 0 may have gone to sleep before this one left a frame there.
     fn follow(&self, worker: usize) {
-        // As in `pause`.
-        fence(Ordering::SeqCst);
+        let leader = self.sleeper.watch();
         let mut spinner = Spinner::default();
         let mut look_at = Instant::now();
         while self.is_led.load(Ordering::Acquire) && !self.stop.load(Ordering::Relaxed) {
-            if self.is_asleep.load(Ordering::Relaxed) && self.responder.culls.is_busy() {
+            if leader.is_asleep() && self.responder.culls.is_busy() {
                 if self.responder.culls.publish_ended() {
                     locked(&self.scheduler).note_answer(Instant::now());
                 }
