@@ -63,7 +63,8 @@ impl StatusFile {
         Self { magic: MAGIC, bytes, noted_at_ns: now_ns(), body, skips, gpus }
     }
 
-    fn parse(bytes: &[u8]) -> Option<Self> {
+    /// Reads the bytes of a file, which a later version may have written; `None` where they are none of a status file.
+    pub fn parse(bytes: &[u8]) -> Option<Self> {
         let says: [u32; 2] = bytemuck::pod_read_unaligned(bytes.get(..8)?);
         let len = (says[1] as usize).min(size_of::<Self>());
         if says[0] != MAGIC || len < FIRST_BYTES {

@@ -121,10 +121,13 @@ impl Config {
                 && std::fs::symlink_metadata(&path).is_err();
             WrongUsage(is_hidden.then(other_users_home).flatten().unwrap_or(of_file))
         })?;
-        toml::from_str(&text).map_err(|error| {
-            let what = one_line(&text, &error);
-            WrongUsage(format!("configuration {}, {what}", path.display()))
-        })
+        Self::parse(&text)
+            .map_err(|what| WrongUsage(format!("configuration {}, {what}", path.display())))
+    }
+
+    /// Reads the text of a file. What is wrong with it is one line that names the place.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        toml::from_str(text).map_err(|error| one_line(text, &error))
     }
 }
 
@@ -155,7 +158,7 @@ mod tests {
 
     #[test]
     fn keys_are_the_names_of_the_flags() {
-        let config: Config = toml::from_str(
+        let config = Config::parse(
             "instance = 'world'\nbackend = 'in-process'\nencoding = 'sparse'\n\
              threads = 2\nspin-us = 0\nmax-clients = 3\nmax-reply-mib = 64\nmax-scene-mib = 9\nruntime-dir = '/run/x'\n\
              gpu = 'none'\ngpu-awake-ms = 0\nisa = 'portable'\nwithout-fence = 'landlock,rlimits'",
