@@ -35,7 +35,7 @@ pub(crate) fn two_sum(a: f64, b: f64) -> (f64, f64) {
     (sum, (a - (sum - of_b)) + (b - of_b))
 }
 
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", not(miri)))]
 #[allow(unsafe_code)]
 mod register {
     use std::arch::asm;
@@ -74,7 +74,7 @@ mod register {
     }
 }
 
-#[cfg(target_arch = "aarch64")]
+#[cfg(all(target_arch = "aarch64", not(miri)))]
 #[allow(unsafe_code)]
 mod register {
     use std::arch::asm;
@@ -106,8 +106,8 @@ mod register {
     }
 }
 
-/// Other processors: threads are assumed to have the default flags.
-#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+/// Other processors, and Miri, which runs no assembly: threads are assumed to have the default flags.
+#[cfg(any(miri, not(any(target_arch = "x86_64", target_arch = "aarch64"))))]
 mod register {
     pub const DEFAULT: Control = ();
     /// Nothing is known of it.
@@ -171,8 +171,7 @@ fn apart<R>(work: impl FnOnce() -> R) -> R {
     work()
 }
 
-#[cfg(test)]
-#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+#[cfg(all(test, not(miri), any(target_arch = "x86_64", target_arch = "aarch64")))]
 mod tests {
     use super::*;
 
