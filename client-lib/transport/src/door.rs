@@ -12,11 +12,11 @@ use rustix::event::{EventfdFlags, Timespec, eventfd};
 use rustix::io::Errno;
 use rustix::net::{SocketFlags, accept_with};
 
+use crate::error::{OpenError, TransportError};
 use crate::instance::RuntimeDir;
 use crate::peer::Peer;
 use crate::socket::{Door as Answer, Hello, PeerProcess, Received, Welcome, listen_at, peer_of};
 use crate::socket::{receive, send};
-use crate::{OpenError, TransportError};
 
 /// Who has connected says what it wants within this time; a client does so at once.
 const SAYS_WITHIN: Duration = Duration::from_secs(1);
@@ -301,9 +301,8 @@ impl Door {
             peer.tidy(idle, &mut release);
         }
         // Requests under way hold their client.
-        let is_done = |peer: &mut Arc<Peer>| {
-            Arc::strong_count(peer) == 1 && peer.is_released(&mut release)
-        };
+        let is_done =
+            |peer: &mut Arc<Peer>| Arc::strong_count(peer) == 1 && peer.is_released(&mut release);
         let done: Vec<_> = lock(&self.ended).extract_if(.., is_done).collect();
         // To unmap memory takes a while.
         drop(done);

@@ -6,8 +6,9 @@ use std::time::{Duration, Instant};
 use pairmask_core::pacing::Expected;
 use pairmask_wire::{Page, RequestHeader, ResponseHeader};
 
-use crate::link::{Link, LinkError, SharedFrame, Slot};
-use crate::sent::{CheckedResponse, SentRequest, Unsent};
+use crate::error::LinkError;
+use crate::link::{Link, Slot};
+use crate::sent::{CheckedResponse, SentRequest, SharedFrame, Unsent};
 use crate::vigil::Vigil;
 
 /// A request that was sent. Dropping it discards the answer.

@@ -22,6 +22,7 @@ pub fn foreign_owner(name: &InstanceName) -> Option<u32> {
                 || path.to_str().is_some_and(|path| path.starts_with(DEFAULT_PREFIX)))
     };
     // The owner of the directory, or of the first one around it that this user may see.
-    let owner = |path: &Path| path.ancestors().skip(1).find_map(|dir| Some(dir.metadata().ok()?.uid()));
+    let owner =
+        |path: &Path| path.ancestors().skip(1).find_map(|dir| Some(dir.metadata().ok()?.uid()));
     paths.map(Path::new).filter(is_default).filter_map(owner).find(|owner| *owner != own)
 }

@@ -16,9 +16,7 @@ use std::path::{Path, PathBuf};
 use pairmask_wire::{InstanceError, InstanceName, Version};
 use rustix::fs::{FlockOperation, flock};
 
-use crate::trust::{
-    check_directory, check_file, io_error, open_plain, read_own, replace_own,
-};
+use crate::trust::{check_directory, check_file, io_error, open_plain, read_own, replace_own};
 
 /// The directory that holds a user's instances.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -6,6 +6,7 @@
 mod board;
 mod cleanup;
 mod door;
+mod error;
 mod exchange;
 mod foreign;
 mod guard;
@@ -17,6 +18,7 @@ mod memory;
 mod peer;
 mod pool;
 mod process_limits;
+mod receiving;
 mod room;
 mod runtime_dir;
 mod segment;
@@ -29,14 +31,13 @@ mod waiting;
 
 pub use cleanup::remove_left_files;
 pub use door::Door;
+pub use error::{LinkError, OpenError, TransportError};
 pub use exchange::{Answer, AnswerMemory, Exchange};
 pub use foreign::foreign_owner;
 pub use guard::install as survive_cut_memory;
 pub use instance::{DaemonRecord, InstanceLock, RuntimeDir};
-pub use limits::{
-    FRAMES_AT_A_TIME, JANITOR_INTERVAL, Limits, OpenError, TransportError, quiet_transport_log,
-};
-pub use link::{ConnectFailure, Link, LinkError, LinkOptions, SharedFrame, Slot};
+pub use limits::{FRAMES_AT_A_TIME, JANITOR_INTERVAL, Limits, quiet_transport_log};
+pub use link::{ConnectFailure, Link, LinkOptions, Slot};
 pub use liveness::{
     BEAT_INTERVAL, DaemonWatch, Heartbeat, ProcessWatch, SILENT_AFTER, Stillness, process_name,
 };
@@ -46,6 +47,6 @@ pub use pool::{Chunk, Pool};
 pub use process_limits::{LimitError, no_files_left, raise_file_limit};
 pub use room::PopulateError;
 pub use segment::{Mapping, Segment};
-pub use sent::{CheckedResponse, Unsent};
+pub use sent::{CheckedResponse, SharedFrame, Unsent};
 pub use status_file::{GpuCounts, StatusFile};
 pub use vigil::{LeftDaemon, Seen, Vigil, WAIT_SLICE, Watched};

@@ -5,25 +5,22 @@ use std::io::ErrorKind;
 use std::os::fd::{AsFd, OwnedFd};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
 
 use pairmask_core::pacing::{Answered, Estimate, Expected};
 use pairmask_core::precision::BoxForm;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::board::{BOARD_PAGES, PLACES};
-use pairmask_wire::{
-    CachedRules, InstanceError, InstanceName, PAGE_BYTES, ReplyError, Version, page_count,
-};
+use pairmask_wire::{CachedRules, InstanceError, InstanceName, PAGE_BYTES, Version, page_count};
 
 use crate::board::{OwnBoard, TheirBoard};
+use crate::error::{LinkError, OpenError, TransportError};
 use crate::foreign::foreign_owner;
 use crate::instance::RuntimeDir;
+use crate::limits::FRAMES_AT_A_TIME;
 use crate::liveness::DaemonWatch;
 use crate::pool::{Chunk, Pool};
-use crate::process_limits::LimitError;
 use crate::room::PopulateError;
 use crate::segment::Segment;
-use crate::limits::{FRAMES_AT_A_TIME, OpenError, TransportError};
 use crate::socket::{self, Bell, Hello, Received, Welcome, connect_to};
 use crate::vigil::{LeftDaemon, Watched};
 use crate::waiting::Waits;
@@ -61,38 +58,6 @@ pub enum ConnectFailure {
     Instance(InstanceError),
     /// The daemon does not let this client in, or there is no memory.
     Open(OpenError),
-}
-
-/// Why a request is not sent, or has no answer.
-#[derive(Debug, thiserror::Error)]
-pub enum LinkError {
-    /// All slots for frames are held.
-    #[error("all slots for frames are held")]
-    TooManyFrames,
-    /// /dev/shm is full.
-    #[error(transparent)]
-    OutOfMemory(#[from] PopulateError),
-    /// A limit of this process.
-    #[error(transparent)]
-    Limit(#[from] LimitError),
-    /// The transport gave no memory for the request.
-    #[error(transparent)]
-    NotSent(TransportError),
-    /// The transport failed.
-    #[error(transparent)]
-    Transport(#[from] TransportError),
-    /// The daemon died.
-    #[error("the daemon died")]
-    Died,
-    /// There was no answer within this time.
-    #[error("no answer within {waited:?}")]
-    Timeout {
-        /// How long it was waited for.
-        waited: Duration,
-    },
-    /// The response is malformed.
-    #[error(transparent)]
-    Reply(#[from] ReplyError),
 }
 
 /// Pieces of memory for requests: of those that are under way, of frames that are being filled, and the board.
@@ -171,7 +136,7 @@ pub struct Slot {
 }
 
 impl Slot {
-    fn take(link: &Arc<Link>) -> Option<Self> {
+    pub(super) fn take(link: &Arc<Link>) -> Option<Self> {
         let taken = |frames| (frames < FRAMES_AT_A_TIME).then_some(frames + 1);
         link.frames.fetch_update(Ordering::Relaxed, Ordering::Relaxed, taken).ok()?;
         Some(Self { link: Arc::clone(link) })
@@ -187,16 +152,6 @@ impl Drop for Slot {
     fn drop(&mut self) {
         self.link.frames.fetch_sub(1, Ordering::Relaxed);
     }
-}
-
-/// Shared memory for a request.
-pub struct SharedFrame {
-    /// Its memory.
-    pub loan: Chunk,
-    /// Number of the segment that it lies in.
-    pub(super) segment: u64,
-    /// The slot that it holds.
-    pub slot: Slot,
 }
 
 impl Link {
@@ -316,14 +271,6 @@ impl Link {
     /// Notes that the client refuses a response, because it is an error or malformed. Whether that is the first one.
     pub fn refuse(&self) -> bool {
         !self.has_refused.swap(true, Ordering::Relaxed)
-    }
-
-    /// Memory for `bytes` bytes of objects, populated.
-    ///
-    /// # Errors
-    /// [`LinkError`].
-    pub fn loan(self: &Arc<Self>, bytes: u64) -> Result<SharedFrame, LinkError> {
-        SharedFrame::lend(Slot::take(self).ok_or(LinkError::TooManyFrames)?, bytes)
     }
 
     /// Memory of a pool whose pieces are large enough, and the number of its segment.

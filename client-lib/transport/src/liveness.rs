@@ -133,7 +133,6 @@ impl DaemonWatch {
         file.read_exact_at(&mut beats, 0).ok()?;
         Some(u64::from_ne_bytes(beats))
     }
-
 }
 
 /// For how long a heartbeat has stood still, counted in the observer's own looks: one that was itself

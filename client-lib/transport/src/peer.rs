@@ -9,8 +9,8 @@ use std::time::Duration;
 use pairmask_wire::board::{Entry, PLACES, Placed};
 use pairmask_wire::{Page, RequestHeader, ResponseHeader};
 
-use crate::OpenError;
 use crate::board::{OwnBoard, TheirBoard};
+use crate::error::{OpenError, TransportError};
 use crate::pool::{Chunk, Pool};
 use crate::room::PopulateError;
 use crate::segment::Segment;
@@ -74,7 +74,7 @@ impl Peer {
         (segment, board): (OwnedFd, u64),
         prefix: &str,
     ) -> Result<Arc<Self>, OpenError> {
-        let system = |e: std::io::Error| crate::TransportError::new("letting a client in", &e);
+        let system = |e: std::io::Error| TransportError::new("letting a client in", &e);
         let segment = Arc::new(Segment::map(segment).map_err(system)?);
         let theirs = TheirBoard::at(Arc::clone(&segment), board).ok_or(OpenError::Incompatible)?;
         let pool = Pool::new(prefix, SMALLEST_PAGES, PLACES + 1)?;

@@ -29,13 +29,13 @@ use iceoryx2::service::ipc_threadsafe::Service;
 use pairmask_wire::{PAGE_BYTES, Page};
 use rustix::mm::{Advice, MapFlags, ProtFlags, madvise, mmap_anonymous};
 
+use crate::error::{OpenError, TransportError};
 use crate::guard::Guarded;
 use crate::instance::{SHM_DIR, shared_files};
 use crate::memory::populate_beyond;
 use crate::process_limits;
 use crate::room::{self, PopulateError};
 use crate::segment::Mapping;
-use crate::{OpenError, TransportError};
 
 type Loan = SampleMutUninit<Service, [MaybeUninit<Page>], ()>;
 
@@ -93,9 +93,8 @@ impl Piece {
         if self.present > 0 {
             // SAFETY: the pages are those of a piece that this value holds alone, in a shared mapping that lives as
             // long as the loan. Nothing refers into them: a chunk has given the piece back.
-            let removed = unsafe {
-                madvise(self.first as *mut _, self.present, Advice::LinuxRemove)
-            };
+            let removed =
+                unsafe { madvise(self.first as *mut _, self.present, Advice::LinuxRemove) };
             if let Err(error) = removed {
                 log::debug!("{} bytes of shared memory stay: {error}", self.present);
             }
@@ -209,8 +208,7 @@ impl Pool {
         loop {
             // Taken out, so that nobody is lent it meanwhile, and put back below the others.
             let is_due = |piece: &Piece| {
-                piece.present > KEPT_BYTES
-                    && now.saturating_duration_since(piece.needed_at) >= idle
+                piece.present > KEPT_BYTES && now.saturating_duration_since(piece.needed_at) >= idle
             };
             let mut free = self.0.free();
             let Some(at) = (kept..free.pieces.len()).find(|at| is_due(&free.pieces[*at])) else {
@@ -241,7 +239,10 @@ impl Inner {
 }
 
 impl Piece {
-    fn of(publisher: &Publisher<Service, [Page], ()>, pages: usize) -> Result<Self, TransportError> {
+    fn of(
+        publisher: &Publisher<Service, [Page], ()>,
+        pages: usize,
+    ) -> Result<Self, TransportError> {
         let mut loan = publisher
             .loan_slice_uninit(pages)
             .map_err(|e| TransportError::new("lending memory", &e))?;
@@ -299,8 +300,8 @@ fn publisher(
         .signal_handling_mode(SignalHandlingMode::Disabled)
         .create::<Service>()
         .map_err(|e| TransportError::new("creating a node", &e))?;
-    let name = ServiceName::new("pairmask")
-        .map_err(|e| TransportError::new("naming a service", &e))?;
+    let name =
+        ServiceName::new("pairmask").map_err(|e| TransportError::new("naming a service", &e))?;
     let service = node
         .service_builder(&name)
         .publish_subscribe::<[Page]>()

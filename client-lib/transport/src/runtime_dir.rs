@@ -6,7 +6,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::instance::RuntimeDir;
-use crate::trust::{check_directory};
+use crate::trust::check_directory;
 
 /// Environment variable that names the one runtime directory to use.
 const RUNTIME_DIR_VARIABLE: &str = "PAIRMASK_RUNTIME_DIR";
@@ -46,8 +46,7 @@ impl Surroundings {
         if let Some(named) = self.named {
             return vec![named];
         }
-        let is_usable =
-            |path: &PathBuf| path.is_absolute() && check_directory(path).is_ok();
+        let is_usable = |path: &PathBuf| path.is_absolute() && check_directory(path).is_ok();
         let xdg = self.xdg.filter(is_usable);
         let in_tmp = PathBuf::from(format!("{DEFAULT_PREFIX}{}", self.user));
         // A process without the variable looks into the usual run directory too, but last: a daemon

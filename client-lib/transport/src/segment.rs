@@ -133,8 +133,7 @@ impl Drop for Segment {
         // What follows may be mapped at the same addresses.
         drop(self.guarded.take());
         // SAFETY: the range was mapped by this value, and what was lent of it borrowed the segment.
-        let unmapped =
-            unsafe { munmap(ptr::with_exposed_provenance_mut(self.start), self.bytes) };
+        let unmapped = unsafe { munmap(ptr::with_exposed_provenance_mut(self.start), self.bytes) };
         debug_assert!(unmapped.is_ok(), "a mapping of ours is there to unmap");
     }
 }

@@ -7,7 +7,8 @@ use std::time::{Duration, Instant};
 use pairmask_wire::board::{Entry, Placed};
 use pairmask_wire::{Page, ReplyError, RequestHeader, ResponseHeader, page_count};
 
-use crate::link::{Link, LinkError, Place, SharedFrame, Slot, lock};
+use crate::error::LinkError;
+use crate::link::{Link, Place, Slot, lock};
 use crate::pool::Chunk;
 use crate::process_limits;
 use crate::segment::Segment;
@@ -19,6 +20,16 @@ const ROOM_INTERVAL: Duration = Duration::from_micros(50);
 /// A daemon that makes no room for this long is silent. It culls its largest frames in less, and receives
 /// between two frames.
 const ROOM_WITHIN: Duration = Duration::from_secs(1);
+
+/// Shared memory for a request.
+pub struct SharedFrame {
+    /// Its memory.
+    pub loan: Chunk,
+    /// Number of the segment that it lies in.
+    segment: u64,
+    /// The slot that it holds.
+    pub slot: Slot,
+}
 
 /// A request that could not be sent.
 pub struct Unsent {
@@ -109,6 +120,14 @@ impl SharedFrame {
 }
 
 impl Link {
+    /// Memory for `bytes` bytes of objects, populated.
+    ///
+    /// # Errors
+    /// [`LinkError`].
+    pub fn loan(self: &Arc<Self>, bytes: u64) -> Result<SharedFrame, LinkError> {
+        SharedFrame::lend(Slot::take(self).ok_or(LinkError::TooManyFrames)?, bytes)
+    }
+
     fn await_place(&self) -> Result<usize, LinkError> {
         if let Some(place) = self.take_place() {
             return Ok(place);
@@ -162,7 +181,8 @@ impl Drop for SentRequest {
         link.own.release(*place, *number);
         let done = link.is_done(*place, *number);
         let left = chunk.take().filter(|_| !done);
-        let state = left.map_or(Place::Free, |chunk| Place::Left { number: *number, _chunk: chunk });
+        let state =
+            left.map_or(Place::Free, |chunk| Place::Left { number: *number, _chunk: chunk });
         lock(&link.places)[*place] = state;
     }
 }

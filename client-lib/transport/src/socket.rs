@@ -17,8 +17,8 @@ use rustix::fs::{Mode, OFlags, open};
 use rustix::io::Errno;
 use rustix::net::{
     AddressFamily, RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, SendAncillaryBuffer,
-    SendAncillaryMessage, SendFlags, SocketAddrUnix, SocketFlags, SocketType, bind, connect, listen,
-    recvmsg, sendmsg, socket_with, socketpair,
+    SendAncillaryMessage, SendFlags, SocketAddrUnix, SocketFlags, SocketType, bind, connect,
+    listen, recvmsg, sendmsg, socket_with, socketpair,
 };
 
 use crate::trust::{io_error, is_own};
@@ -167,7 +167,11 @@ pub(super) fn connect_to(path: &Path) -> Result<OwnedFd, InstanceError> {
     };
     let socket = connect().map_err(io_error(path))?;
     let peer = peer_of(socket.as_fd()).map_err(io_error(path))?;
-    if peer.user == rustix::process::geteuid().as_raw() { Ok(socket) } else { Err(foreign(peer.user)) }
+    if peer.user == rustix::process::geteuid().as_raw() {
+        Ok(socket)
+    } else {
+        Err(foreign(peer.user))
+    }
 }
 
 /// The process at the other end, as the kernel knows it.

@@ -37,12 +37,7 @@ impl Clients {
         change(locked(&self.known).of(session))
     }
 
-    pub(crate) fn expected_work(
-        &self,
-        session: u64,
-        kind: RequestKind,
-        objects: u32,
-    ) -> FrameWork {
+    pub(crate) fn expected_work(&self, session: u64, kind: RequestKind, objects: u32) -> FrameWork {
         let known = locked(&self.known);
         let expected = known.find(session).map(|client| client.last_work.expected(kind, objects));
         expected.unwrap_or_else(|| LastWork::default().expected(kind, objects))

@@ -278,7 +278,8 @@ mod tests {
         for word in script.split_whitespace() {
             let id = word[1..2].parse().unwrap_or(0);
             let (from, expected) = (sender(id, id.into()), (id > 0).then_some(&word[1..]));
-            let name = |(from, request): (Sender, &str)| format!("{}{}", from.session, &request[3..]);
+            let name =
+                |(from, request): (Sender, &str)| format!("{}{}", from.session, &request[3..]);
             let found = match &word[..1] {
                 "+" => {
                     let resource = match &word[2..3] {

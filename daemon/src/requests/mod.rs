@@ -96,7 +96,8 @@ impl Responder {
         let memory = SceneMemory::new(limits.max_scene_bytes);
         let auditor = Arc::new(auditor);
         let alter = settings.alter_answers;
-        let outbox = Outbox::new(Arc::clone(&door), clients, Arc::clone(&auditor), memory.clone(), alter);
+        let outbox =
+            Outbox::new(Arc::clone(&door), clients, Arc::clone(&auditor), memory.clone(), alter);
         let outbox = Arc::new(outbox);
         let (isa, calibration) = executor.cpu_settings();
         let tools = SceneTools {

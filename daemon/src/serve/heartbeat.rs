@@ -40,12 +40,7 @@ impl Beating {
     }
 }
 
-fn beat(
-    mut heart: Heartbeat,
-    rounds: &AtomicU64,
-    stop: &AtomicBool,
-    instance: &InstanceName,
-) {
+fn beat(mut heart: Heartbeat, rounds: &AtomicU64, stop: &AtomicBool, instance: &InstanceName) {
     let (mut workers, mut look_at, mut is_reported) = (watch_workers(), Instant::now(), false);
     let mut last_round = 0;
     while !stop.load(Ordering::Relaxed) {

@@ -18,9 +18,7 @@ use std::os::unix::net::UnixStream;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-use pairmask_transport::{
-    DaemonWatch, InstanceLock, Stillness, raise_file_limit,
-};
+use pairmask_transport::{DaemonWatch, InstanceLock, Stillness, raise_file_limit};
 use pairmask_wire::InstanceError;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{
@@ -248,9 +246,8 @@ fn watch(
             start = None;
         }
         let now = Instant::now();
-        let begins_late = start.as_mut().is_some_and(|start| {
-            start.look(Some(0), now) > starts_within
-        });
+        let begins_late =
+            start.as_mut().is_some_and(|start| start.look(Some(0), now) > starts_within);
         let beats = heart.beats(settings);
         let why = if heart.stands_still(beats, pid.is_some_and(is_stopped), now) {
             "is stopped and answers nobody"

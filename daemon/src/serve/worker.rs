@@ -60,7 +60,8 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     let missing = Arc::new(Mutex::new(None));
     let gpus = open_gpus(settings, &missing, &stop);
     remove_left_files(&settings.dir, &settings.instance);
-    let writer = StatusWriter::start(&settings.dir, &settings.instance, Arc::clone(&beating.rounds))?;
+    let writer =
+        StatusWriter::start(&settings.dir, &settings.instance, Arc::clone(&beating.rounds))?;
     let door = Door::open(&settings.dir, &settings.instance, daemon.limits.max_clients)?;
     let (door, porter) = attended(door)?;
     let record = DaemonRecord {

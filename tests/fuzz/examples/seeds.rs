@@ -296,7 +296,8 @@ fn scene_files() -> Vec<Seed> {
 }
 
 fn files() -> Vec<Seed> {
-    let record = DaemonRecord { worker_pid: 7, supervisor_pid: 6, version: Version::CURRENT };
+    let record =
+        DaemonRecord { worker_pid: 7, supervisor_pid: 6, version: Version::CURRENT, fences: 0 };
     let status =
         StatusFile::now(StatusBody::default(), SkipTotals::default(), GpuCounts::default());
     let mut status = bytemuck::bytes_of(&status).to_vec();

@@ -197,10 +197,14 @@ fn serve(
     let record =
         DaemonRecord { worker_pid: pid, supervisor_pid: pid, version: Version::CURRENT, fences: 0 };
     dir.write_record(&name, &record)?;
-    let served = raw::serve(&dir, || until.is_over(), |request| {
-        answer(request);
-        count(tally, "rounds");
-    });
+    let served = raw::serve(
+        &dir,
+        || until.is_over(),
+        |request| {
+            answer(request);
+            count(tally, "rounds");
+        },
+    );
     dir.remove_record(&name);
     served.ok_or_else(|| "the socket cannot be served".into())
 }

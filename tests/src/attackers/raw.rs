@@ -23,8 +23,8 @@ use rustix::fs::{MemfdFlags, fstat, ftruncate, memfd_create};
 use rustix::mm::{MapFlags, ProtFlags, mmap};
 use rustix::net::{
     AddressFamily, RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, SendAncillaryBuffer,
-    SendAncillaryMessage, SendFlags, SocketAddrUnix, SocketFlags, SocketType, accept, bind, connect,
-    listen, recvmsg, sendmsg, socket_with, socketpair,
+    SendAncillaryMessage, SendFlags, SocketAddrUnix, SocketFlags, SocketType, accept, bind,
+    connect, listen, recvmsg, sendmsg, socket_with, socketpair,
 };
 
 /// Offset of the words of a board that say what was let go of.
@@ -334,7 +334,11 @@ impl RawPeer {
 }
 
 /// Serves until it is over: `answer` gets each request.
-pub fn serve(dir: &RuntimeDir, is_over: impl Fn() -> bool, mut answer: impl FnMut(RawRequest)) -> Option<()> {
+pub fn serve(
+    dir: &RuntimeDir,
+    is_over: impl Fn() -> bool,
+    mut answer: impl FnMut(RawRequest),
+) -> Option<()> {
     let path = socket_path(dir);
     let (listener, address) = socket_at(&path)?;
     let _ = std::fs::remove_file(&path);

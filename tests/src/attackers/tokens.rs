@@ -18,8 +18,7 @@ const AT_A_TIME: usize = 3;
 /// circle.
 pub fn attack(ports: u64, is_next: bool, until: &Until, tally: &mut Tally) {
     let mut next = 1 << 40;
-    let clients: Vec<RawClient> =
-        (0..ports).filter_map(|_| RawClient::connect(PAGES)).collect();
+    let clients: Vec<RawClient> = (0..ports).filter_map(|_| RawClient::connect(PAGES)).collect();
     println!("connected={}", clients.len());
     let mut waiting: Vec<VecDeque<RawPending<'_>>> =
         clients.iter().map(|_| VecDeque::new()).collect();

@@ -149,11 +149,9 @@ fn steady_frames_allocate_nothing() {
                 // it comes late, the next frame makes another team, or calls it anew.
                 let is_shared = threads > 1 && engine == EngineName::CpuBrute;
                 let calls = if is_shared { FRAMES as u64 } else { 0 };
-                check(
-                    &format!("{what}, {engine}, spheres"),
-                    &nearly(calls, calls),
-                    |i| session.ask_spheres(&spheres[i % spheres.len()]),
-                );
+                check(&format!("{what}, {engine}, spheres"), &nearly(calls, calls), |i| {
+                    session.ask_spheres(&spheres[i % spheres.len()])
+                });
             }
         }
     }
