@@ -24,7 +24,11 @@ pub(super) fn open(settings: &Settings) -> Result<Link, ConnectError> {
     let options = LinkOptions { dir, instance, capacity: *capacity, leaves_silent };
     let instance = instance.clone();
     Link::open(&options).map_err(|failure| match failure {
-        ConnectFailure::NoDaemon => no_daemon(settings),
+        // A daemon that lets nobody in is none.
+        ConnectFailure::NoDaemon
+        | ConnectFailure::Open(OpenError::NotServed | OpenError::Incompatible) => {
+            no_daemon(settings)
+        }
         ConnectFailure::OtherUser { uid } => ConnectError::OtherUser { instance, uid },
         ConnectFailure::OtherVersion(daemon) => {
             ConnectError::VersionMismatch { client: Version::CURRENT, daemon }
@@ -38,7 +42,6 @@ pub(super) fn open(settings: &Settings) -> Result<Link, ConnectError> {
         ConnectFailure::Open(OpenError::Transport(error)) => error.into(),
         ConnectFailure::Open(OpenError::DaemonFull) => ConnectError::DaemonFull { instance },
         ConnectFailure::Open(OpenError::Silent) => ConnectError::Silent { instance },
-        ConnectFailure::Open(_) => no_daemon(settings),
     })
 }
 

@@ -266,13 +266,17 @@ impl Door {
     /// # Errors
     /// [`TransportError`] where the system refuses to wait.
     pub fn sleep_until(&self, peers: &[Arc<Peer>], until: Instant) -> Result<(), TransportError> {
-        peers.iter().for_each(|peer| peer.falls_asleep());
+        for peer in peers {
+            peer.falls_asleep();
+        }
         let slept = if peers.iter().any(|peer| peer.has_sent().is_some()) {
             Ok(())
         } else {
             self.wait(peers, until)
         };
-        peers.iter().for_each(|peer| peer.wakes_up());
+        for peer in peers {
+            peer.wakes_up();
+        }
         slept
     }
 

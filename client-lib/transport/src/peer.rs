@@ -255,7 +255,9 @@ impl Peer {
 
     /// Whether others have let go of all of its memory for answers, as far as `release` says so of a range.
     pub fn is_released(&self, mut release: impl FnMut(&Range<usize>) -> bool) -> bool {
-        lock(&self.pools).iter().fold(true, |all, pool| release(&pool.range()) && all)
+        // Each is asked: one that is used still does not keep the others.
+        let pools = lock(&self.pools);
+        pools.iter().filter(|pool| !release(&pool.range())).count() == 0
     }
 }
 

@@ -68,7 +68,8 @@ struct Free {
 
 /// A piece of a segment. Dropped, its pages go back to the system.
 struct Piece {
-    _loan: Loan,
+    /// Boxed: a chunk is moved with each frame.
+    _loan: Box<Loan>,
     /// Address of its first page.
     first: usize,
     /// Bytes that are present, from the first page on.
@@ -247,7 +248,7 @@ impl Piece {
             .loan_slice_uninit(pages)
             .map_err(|e| TransportError::new("lending memory", &e))?;
         let first = loan.payload_mut().as_mut_ptr().expose_provenance();
-        Ok(Self { _loan: loan, first, present: 0, needed_at: Instant::now() })
+        Ok(Self { _loan: Box::new(loan), first, present: 0, needed_at: Instant::now() })
     }
 }
 

@@ -31,7 +31,9 @@ impl Intake {
             self.peers = self.door.peers();
             self.changes = changes;
             // From now on somebody looks at their boards.
-            self.peers.iter().for_each(|peer| peer.wakes_up());
+            for peer in &self.peers {
+                peer.wakes_up();
+            }
         }
         for peer in &self.peers {
             peer.receive(|request| each(Incoming { sender: request.sender(), request }));

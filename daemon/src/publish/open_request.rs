@@ -158,16 +158,18 @@ impl OpenRequest {
         self.loan.as_mut().map_or(&mut [], |loan| words_in_mut(loan.pages_mut()))
     }
 
-    /// Sends what was written, where somebody waits for it. Where nothing was written, one page goes with the header.
-    pub(crate) fn send(&mut self, header: &ResponseHeader) -> Result<(), ReserveError> {
+    /// Sends what was written, and wakes the client, where it still waits. Where nothing was written, one page goes with the
+    /// header; where there is no memory for that, the client's deadline ends its wait.
+    pub(crate) fn send(&mut self, header: &ResponseHeader) {
         if self.loan.is_none() {
             let (_, mut reply) = self.parts();
-            reply.reserve(0)?;
+            if let Err(error) = reply.reserve(0) {
+                log::debug!("sending a response: {error}");
+            }
         }
         if let Some(loan) = self.loan.take() {
             self.request().answer(header, loan);
         }
-        Ok(())
     }
 
     /// Number of the segment that its objects lie in.

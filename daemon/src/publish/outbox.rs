@@ -88,7 +88,7 @@ impl Outbox {
         if let Some(span) = open.world_ranges {
             header.put_world_ranges(span);
         }
-        self.send(open, &header);
+        open.send(&header);
         if let Some(window) = audited {
             // The objects are ours to read as long as the request is.
             let rules = open.rules.as_ref().map(|rules| Arc::clone(&rules.sent));
@@ -110,7 +110,7 @@ impl Outbox {
         let frame = AuditedFrame { form, first_set, scene, shape, reply };
         let audited = scene.and_then(|_| self.auditor.draw(&open.fields, &frame));
         let header = self.count(open, queries, form, &answer);
-        self.send(open, &header);
+        open.send(&header);
         audited
     }
 
@@ -157,7 +157,7 @@ impl Outbox {
         let fields = open.fields;
         log::debug!("client {:016x}: {}", fields.client_token, refusal.text);
         locked(&self.counters).note_error(&fields, refusal.status);
-        self.send(open, &response_error(&fields, refusal.status, refusal.detail));
+        open.send(&response_error(&fields, refusal.status, refusal.detail));
     }
 
     /// The same, and gives the request back.
@@ -172,17 +172,10 @@ impl Outbox {
         header: Result<ResponseHeader, Refusal>,
     ) {
         match header {
-            Ok(header) => self.send(&mut open, &header),
+            Ok(header) => open.send(&header),
             Err(refusal) => self.refuse(&mut open, &refusal),
         }
         drop(open);
-    }
-
-    pub(crate) fn send(&self, open: &mut OpenRequest, header: &ResponseHeader) {
-        // Where there is no memory for one page, the client's deadline ends its wait.
-        if let Err(error) = open.send(header) {
-            log::debug!("sending a response: {error}");
-        }
     }
 }
 

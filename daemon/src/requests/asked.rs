@@ -155,7 +155,7 @@ fn answer_cast(
     };
     let header = response_cast(&open.fields, engine, threads, found.len(), &times);
     outbox.count_cast(&open.fields, found.len() as u64);
-    outbox.send(open, &header);
+    open.send(&header);
     Ok(())
 }
 

@@ -170,7 +170,7 @@ impl Responder {
             Ok(Request::Status) => match open.put(bytemuck::bytes_of(&self.outbox.status())) {
                 Ok(()) => {
                     let header = response_status(&open.fields);
-                    self.outbox.send(&mut open, &header);
+                    open.send(&header);
                 }
                 Err(error) => self.outbox.refuse(&mut open, &CullError::from(error).into()),
             },

@@ -122,7 +122,7 @@ impl SceneEdits {
     pub(super) fn end(&self, open: &mut OpenRequest, scene: SceneId) {
         drop(self.outbox.clients.take_scene(open.sender.session, scene));
         let header = response_scene_ended(&open.fields);
-        self.outbox.send(open, &header);
+        open.send(&header);
     }
 
     fn find(&self, session: u64, request: &SceneRequest) -> Result<SessionScene, Refusal> {
@@ -256,7 +256,7 @@ impl EditAnswer {
         let Self { engine, bytes, threads, .. } = *self;
         let header = response_scene(&open.fields, engine, threads, reported, bytes, &times);
         outbox.count_edit(&open.fields, reported);
-        outbox.send(open, &marks.map_or(header, |(marks, _)| marks.mark(header)));
+        open.send(&marks.map_or(header, |(marks, _)| marks.mark(header)));
         Ok(())
     }
 }

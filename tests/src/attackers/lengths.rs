@@ -28,7 +28,7 @@ pub fn attack(until: &Until, tally: &mut Tally) {
                 // A number of pages whose bytes overflow 64 bits to 0.
                 1 => [0, honest.offset, 1 << 52],
                 2 => [0, honest.offset, (1 << 52) + needed],
-                3 => [0, u64::MAX & !4095, needed],
+                3 => [0, !4095, needed],
                 4 => [0, honest.offset + 8, PAGES as u64],
                 5 => [1 + dice.below(u64::MAX - 1), honest.offset, needed],
                 _ => [0, honest.offset, needed],

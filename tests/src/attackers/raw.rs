@@ -254,8 +254,9 @@ impl RawClient {
         Some(RawLoan { place, header: RequestHeader::default(), placed, address })
     }
 
+    #[allow(clippy::needless_pass_by_value)] // Its memory is the daemon's from then on.
     pub fn send(&self, loan: RawLoan) -> RawPending<'_> {
-        let RawLoan { place, header, placed, .. } = loan;
+        let RawLoan { place, header, placed, address: _ } = loan;
         let number = self.next.replace(self.next.get() + 1);
         self.board().send(place, number, placed, header);
         self.wake();

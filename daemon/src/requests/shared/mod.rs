@@ -164,7 +164,7 @@ impl SharedScenes {
     pub(super) fn leave(&self, open: &mut OpenRequest, scene: SceneId) {
         self.end((open.sender.session, scene), End::Left);
         let header = response_scene_ended(&open.fields);
-        self.outbox.send(open, &header);
+        open.send(&header);
     }
 
     pub(super) fn tidy(&self) {
