@@ -5,6 +5,7 @@ pub mod aabb;
 mod aligned;
 mod backoff;
 pub mod bytes;
+pub mod cancel;
 pub mod cast;
 pub mod dispatch;
 pub mod engine;

@@ -216,6 +216,10 @@ impl CpuEngines {
             Some(kept) => kept.engine.cull(input, reply),
             None => Err(CullError::Unavailable { engine, why: "it needs a daemon with a GPU" }),
         };
+        if matches!(done, Err(CullError::Cancelled)) {
+            // It says nothing of what frames need.
+            return done;
+        }
         // Most words hold a pair each, of a dense mask too on its way. A refused frame has given its
         // words back.
         let most = BoxCount::of_len(input.objects.len()).map_or(0, BoxCount::sparse_words_max);

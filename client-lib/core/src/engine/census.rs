@@ -57,6 +57,15 @@ impl Census {
         }
     }
 
+    /// The same of boxes that stand behind `first` others.
+    #[must_use]
+    pub(crate) fn from_index(mut self, first: u32) -> Self {
+        for index in &mut self.first_invalid[..(self.invalid as usize).min(NAMED_INVALID)] {
+            *index += first;
+        }
+        self
+    }
+
     /// Joins the census of a later range of boxes to this one.
     #[must_use]
     pub fn then(mut self, later: &Self) -> Self {

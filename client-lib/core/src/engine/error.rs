@@ -40,6 +40,9 @@ pub enum CullError {
         /// The engine.
         engine: EngineName,
     },
+    /// Nobody waits for the answer any more. The engine stays usable.
+    #[error("nobody waits for the answer any more")]
+    Cancelled,
     /// The GPU is lost. Another engine can serve the same boxes; this one needs a new device.
     #[error("{engine} lost its GPU: let a CPU engine serve until the device is rebuilt")]
     DeviceLost {

@@ -15,6 +15,8 @@ pub(crate) struct Gather<'a> {
     pub order: &'a [u32],
     /// What words are made and named with.
     pub isa: AvailableIsa,
+    /// Whether words are kept, and not counted alone.
+    pub keeps: bool,
 }
 
 impl Gather<'_> {

@@ -1,6 +1,9 @@
 //! A reply buffer in the process's own memory: what the in-process session and the tests use.
 
+use std::sync::Arc;
+
 use crate::aligned::{AlignedBuffer, NoMemory};
+use crate::cancel::Wanted;
 use crate::engine::{RecentNeed, ReplyBuffer, ReserveError};
 
 const WORD_BYTES: u64 = size_of::<u32>() as u64;
@@ -11,6 +14,7 @@ pub struct HeapReply {
     words: AlignedBuffer<u32>,
     limit_bytes: u64,
     need: RecentNeed,
+    asker: Option<Arc<dyn Wanted>>,
 }
 
 impl Default for HeapReply {
@@ -27,12 +31,22 @@ impl HeapReply {
 
     /// An empty buffer that refuses a mask of more than `limit_bytes`.
     pub fn with_limit_bytes(limit_bytes: u64) -> Self {
-        Self { words: AlignedBuffer::default(), limit_bytes, need: RecentNeed::default() }
+        Self {
+            words: AlignedBuffer::default(),
+            limit_bytes,
+            need: RecentNeed::default(),
+            asker: None,
+        }
     }
 
     /// Refuses masks of more than `limit_bytes` from now on.
     pub fn set_limit_bytes(&mut self, limit_bytes: u64) {
         self.limit_bytes = limit_bytes;
+    }
+
+    /// Who says whether later masks are still wanted; `None` where they are in any case.
+    pub fn set_asker(&mut self, asker: Option<Arc<dyn Wanted>>) {
+        self.asker = asker;
     }
 
     /// Bytes that are allocated, which may be more than the last mask took.
@@ -74,6 +88,10 @@ impl ReplyBuffer for HeapReply {
         }
         self.words.try_resize(len).map_err(|NoMemory(_)| out_of_memory)?;
         Ok(self.words.as_mut_slice())
+    }
+
+    fn asker(&self) -> Option<Arc<dyn Wanted>> {
+        self.asker.clone()
     }
 }
 

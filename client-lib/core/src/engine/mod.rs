@@ -30,6 +30,7 @@ mod report;
 mod rules;
 mod scratch;
 pub(crate) mod strips;
+mod sure_pairs;
 mod sweep_and_prune;
 mod tree;
 pub(crate) mod word_budget;

@@ -10,6 +10,7 @@ use super::{
     StageClock,
 };
 use crate::aabb::Aabb;
+use crate::cancel::Cancel;
 use crate::mask::{Encoding, MaskShape};
 use crate::team::{self, for_each_in_parts, part_count};
 
@@ -29,13 +30,14 @@ pub(super) trait Arrangement: Default + Send + Sync {
     /// What a task needs to search.
     type Own: Default + Send + Sync;
 
-    /// Reads the boxes, each once, and brings them into order. What overlaps nothing stands last.
+    /// Reads the boxes, each once, and brings them into order, unless cancelled. What overlaps nothing stands last.
     fn arrange(
         &mut self,
         boxes: &[Aabb],
         threads: usize,
         may_hand_over: bool,
         isa: AvailableIsa,
+        cancel: &Cancel,
     ) -> Result<Census, CullError>;
 
     /// The boxes in order.
@@ -95,12 +97,18 @@ impl<A: Arrangement> Engine for Ordered<A> {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
         let (boxes, n) = input.f32_boxes(A::NAME)?;
-        let budget = WordBudget::new(n, input.encoding, true, reply)?;
-        let budget = &budget.handing_over(A::NAME, A::HANDS_OVER && input.may_hand_over);
+        let new_budget = |reply: &dyn ReplyBuffer| -> Result<WordBudget, CullError> {
+            let budget = WordBudget::new(n, input.encoding, true, reply)?;
+            Ok(budget.handing_over(A::NAME, A::HANDS_OVER && input.may_hand_over))
+        };
+        let mut budget = new_budget(reply)?;
+        let get = |index: usize| boxes.get(index).copied();
+        let is_counted_first = input.rules.pass_all() && budget.look_at(get, None)?;
         let threads = if boxes.len() < A::PARALLEL_BOXES { 1 } else { input.threads.max(1) };
         let _team = team::enter(threads);
         let mut clock = StageClock::start();
-        let census = self.arrangement.arrange(boxes, threads, input.may_hand_over, self.isa)?;
+        let (may, isa) = (input.may_hand_over, self.isa);
+        let census = self.arrangement.arrange(boxes, threads, may, isa, budget.cancel())?;
         let valid = census.valid_of(boxes.len());
         clock.ingested();
 
@@ -108,12 +116,23 @@ impl<A: Arrangement> Engine for Ordered<A> {
         let (arrangement, parts) = (&self.arrangement, self.tasks.len());
         let order = arrangement.boxes().order();
         input.rules.prepare(boxes.len(), order, threads);
-        let gather = &Gather { budget, rules: input.rules, order, isa: self.isa };
-        let search = |task: &mut StripTask<A::Own>| arrangement.search(task, valid as u32, gather);
-        for_each_in_parts(&mut self.tasks, parts, search);
+        let tasks = &mut self.tasks;
+        let mut search = |budget: &WordBudget, keeps: bool| {
+            let gather = &Gather { budget, rules: input.rules, order, isa: self.isa, keeps };
+            let search =
+                |task: &mut StripTask<A::Own>| arrangement.search(task, valid as u32, gather);
+            for_each_in_parts(tasks, parts, search);
+        };
+        if is_counted_first {
+            search(&budget, false);
+            budget.check()?;
+            budget = new_budget(reply)?;
+        }
+        search(&budget, true);
         clock.executed();
 
         let is_shared = threads > 1;
+        let gather = &Gather { budget: &budget, rules: input.rules, order, isa: self.isa, keeps: true };
         let (shape, pairs) = publish(&mut self.tasks, gather, input.encoding, is_shared, reply)?;
         let compared = self.tasks.iter().map(|task| task.compared).sum();
         let report = CullReport::new(n, shape, census, pairs, compared, clock.published());
@@ -131,7 +150,7 @@ impl<A: Arrangement> Engine for Ordered<A> {
 }
 
 /// Writes the mask of what tasks have found; returns where it lies, and its pairs. After a refusal the words'
-/// memory is given back.
+/// memory is given back; not where nobody waits any more, since that takes as long as some of the work.
 pub(crate) fn publish<Own: Sync>(
     tasks: &mut [StripTask<Own>],
     gather: &Gather<'_>,
@@ -143,8 +162,8 @@ pub(crate) fn publish<Own: Sync>(
     match encode::write(sinks, gather, encoding, is_shared, reply) {
         Ok(shape) => Ok((shape, tasks.iter().map(|task| task.found.pair_count()).sum())),
         Err(error) => {
-            for task in tasks {
-                task.found.give_back();
+            if error != CullError::Cancelled {
+                tasks.iter_mut().for_each(|task| task.found.give_back());
             }
             Err(error)
         }

@@ -1,5 +1,9 @@
 //! Where masks are written: memory of the session or daemon that publishes them.
 
+use std::sync::Arc;
+
+use crate::cancel::Wanted;
+
 /// Memory for a mask, lent by the session or daemon that publishes it.
 pub trait ReplyBuffer {
     /// The most words that [`Self::reserve`] ever lends; `u64::MAX` where memory is the only limit.
@@ -13,6 +17,12 @@ pub trait ReplyBuffer {
     /// # Errors
     /// [`ReserveError`] when so much memory is not available.
     fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError>;
+
+    /// Says whether somebody still waits for the mask; `None` where it is wanted in any case. Engines ask for it once a
+    /// frame, and end with [`CullError::Cancelled`](super::CullError::Cancelled) soon after nobody does.
+    fn asker(&self) -> Option<Arc<dyn Wanted>> {
+        None
+    }
 }
 
 /// The mask does not fit into the memory that may be used for it.

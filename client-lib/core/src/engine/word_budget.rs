@@ -3,7 +3,9 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use super::sure_pairs::{Body, Outlook, outlook};
 use super::{CullError, EngineName, ReplyBuffer, ReserveError};
+use crate::cancel::{Cancel, Pace};
 use crate::mask::{Encoding, MaskShape};
 use crate::test_budget::{TestBudget, TestLot};
 use crate::units::BoxCount;
@@ -34,6 +36,14 @@ pub(crate) struct WordBudget {
     tests: TestBudget,
     /// The engine, where it may hand the frame over.
     hands_over: Option<EngineName>,
+    cancel: Cancel,
+}
+
+/// Tests of one thread that are not counted yet.
+#[derive(Default)]
+pub(crate) struct Tests {
+    lot: TestLot,
+    pace: Pace,
 }
 
 impl WordBudget {
@@ -60,6 +70,7 @@ impl WordBudget {
             limit_words,
             tests: TestBudget::new(i64::MAX),
             hands_over: None,
+            cancel: Cancel::by(reply.asker()),
         };
         if most.is_some() { Ok(budget) } else { Err(budget.refusal_of(0)) }
     }
@@ -75,13 +86,47 @@ impl WordBudget {
         self
     }
 
-    /// Counts tests of a task, and the pairs that they found.
+    /// Refuses a mask of objects that is sure not to fit, before any pair is looked for: of all pairs, or of those of the
+    /// `first` and the others. Whether it is not expected to fit either where that is not sure: then its words are better
+    /// counted before they are kept.
+    ///
+    /// # Errors
+    /// [`ReserveError::TooLarge`]; [`CullError::Cancelled`].
+    pub fn look_at<T: Body>(
+        &self,
+        get: impl Fn(usize) -> Option<T>,
+        first: Option<usize>,
+    ) -> Result<bool, CullError> {
+        let most_a_word = match self.encoding {
+            // It is as long as it is.
+            Encoding::Dense => return Ok(false),
+            Encoding::Sparse => 32,
+            Encoding::List => 1,
+        };
+        let beyond = self.most.saturating_mul(most_a_word);
+        if self.n.pair_count() <= beyond {
+            return Ok(false);
+        }
+        match outlook((self.n.len(), first), get, beyond, &self.cancel) {
+            _ if self.cancel.is_cancelled() => Err(CullError::Cancelled),
+            Outlook::AtLeast(pairs) => Err(self.refusal_of(pairs.div_ceil(most_a_word)).into()),
+            Outlook::Expected(pairs) => Ok(pairs > beyond as f64),
+        }
+    }
+
+    /// Counts tests of a task, and the pairs that they found. Looks whether the mask is wanted after some.
     #[inline]
-    pub fn note_tests(&self, lot: &mut TestLot, tests: u64, pairs: u64) {
+    pub fn note_tests(&self, noted: &mut Tests, tests: u64, pairs: u64) {
         if self.hands_over.is_some() {
             let allowed = TESTS_A_PAIR.saturating_mul(pairs as i64);
-            lot.take((tests as i64).saturating_sub(allowed), &self.tests);
+            noted.lot.take((tests as i64).saturating_sub(allowed), &self.tests);
         }
+        self.cancel.look_after(tests, &mut noted.pace);
+    }
+
+    /// Whether the mask is still wanted.
+    pub const fn cancel(&self) -> &Cancel {
+        &self.cancel
     }
 
     pub const fn n(&self) -> BoxCount {
@@ -105,10 +150,11 @@ impl WordBudget {
         self.taken.fetch_add(count, Ordering::Relaxed).saturating_add(count) <= self.most
     }
 
-    /// Whether more was found than the reply holds, or another engine takes over: then no more need be found.
+    /// Whether more was found than the reply holds, another engine takes over, or nobody waits any more: then no more
+    /// need be found.
     #[inline]
     pub fn is_spent(&self) -> bool {
-        self.is_full() || self.tests.is_spent()
+        self.is_full() || self.tests.is_spent() || self.cancel.is_cancelled()
     }
 
     fn is_full(&self) -> bool {
@@ -119,9 +165,10 @@ impl WordBudget {
     ///
     /// # Errors
     /// [`ReserveError::TooLarge`] where more was found than the reply holds, and [`CullError::TooCrowded`] where
-    /// another engine takes over; the words found are then not all.
+    /// another engine takes over, and [`CullError::Cancelled`]; the words found are then not all.
     pub fn check(&self) -> Result<(), CullError> {
         match self.hands_over {
+            _ if self.cancel.is_cancelled() => Err(CullError::Cancelled),
             _ if self.is_full() => Err(self.refusal_of(self.most + 1).into()),
             Some(engine) if self.tests.is_spent() => Err(CullError::TooCrowded { engine }),
             _ => Ok(()),
@@ -240,11 +287,11 @@ mod tests {
             (u64::MAX / 4, 0, false, Ok(())),
         ] {
             let budget = budget(may);
-            budget.note_tests(&mut TestLot::default(), tests, pairs);
+            budget.note_tests(&mut Tests::default(), tests, pairs);
             assert_eq!(budget.is_spent(), expected.is_err());
             assert_eq!(budget.check(), expected, "{tests} {pairs}");
             // Pairs found afterwards: rows are left out by then.
-            budget.note_tests(&mut TestLot::default(), 0, 1 << 32);
+            budget.note_tests(&mut Tests::default(), 0, 1 << 32);
             assert_eq!(budget.check(), expected, "{tests} {pairs}");
         }
     }

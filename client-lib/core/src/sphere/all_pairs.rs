@@ -68,10 +68,13 @@ impl SphereAllPairs {
         let spheres = input.objects;
         let n = counted(spheres, EngineName::CpuBrute)?;
         let budget = &WordBudget::new(n, input.encoding, true, reply)?;
+        if input.rules.pass_all() {
+            budget.look_at(|index| spheres.get(index).copied(), None)?;
+        }
         let threads = split::threads_for(spheres.len(), input.threads);
         let _team = team::enter(threads);
         let mut clock = StageClock::start();
-        let census = self.columns.ingest(spheres);
+        let census = self.columns.ingest(spheres, budget.cancel())?;
         self.order.clear();
         self.order.extend(0..n.get());
         let ranges = split::ranges(spheres.len(), threads);
@@ -82,7 +85,7 @@ impl SphereAllPairs {
         clock.ingested();
 
         let (columns, isa, parts) = (&self.columns, self.isa, self.tasks.len());
-        let gather = &Gather { budget, rules: input.rules, order: &self.order, isa };
+        let gather = &Gather { budget, rules: input.rules, order: &self.order, isa, keeps: true };
         for_each_in_parts(&mut self.tasks, parts, |task| find(task, columns, gather));
         clock.executed();
 
@@ -103,6 +106,7 @@ impl SphereAllPairs {
 fn find(task: &mut StripTask, columns: &BallColumns, gather: &Gather<'_>) {
     task.begin();
     for row in task.rows.clone() {
+        let before = task.found.pair_count();
         if gather.budget.is_spent() {
             return;
         }
@@ -111,6 +115,8 @@ fn find(task: &mut StripTask, columns: &BallColumns, gather: &Gather<'_>) {
             task.found.push(row, block, bits as u32, gather);
             task.found.push(row, block + 1, (bits >> 32) as u32, gather);
         });
+        let pairs = task.found.pair_count().saturating_sub(before);
+        task.found.note_tests((columns.len() - row as usize) as u64, pairs, gather);
     }
     task.found.finish(gather);
 }

@@ -3,7 +3,8 @@
 use super::Sphere;
 use super::exact::Ball;
 use crate::aligned::AlignedBuffer;
-use crate::engine::Census;
+use crate::cancel::{BOX_TESTS, Cancel, Pace};
+use crate::engine::{Census, CullError};
 
 /// Columns that one 64-bit word covers: what the arrays are padded to.
 pub(super) const WORD_COLUMNS: usize = 64;
@@ -26,7 +27,10 @@ impl BallColumns {
     }
 
     /// Reads all spheres, each once, and counts those that overlap nothing.
-    pub fn ingest(&mut self, spheres: &[Sphere]) -> Census {
+    ///
+    /// # Errors
+    /// [`CullError::Cancelled`].
+    pub fn ingest(&mut self, spheres: &[Sphere], cancel: &Cancel) -> Result<Census, CullError> {
         self.len = spheres.len();
         self.padded_len = spheres.len().next_multiple_of(WORD_COLUMNS);
         self.components.resize(4 * self.padded_len);
@@ -34,7 +38,11 @@ impl BallColumns {
         let (x, rest) = self.components.as_mut_slice().split_at_mut(self.padded_len);
         let (y, rest) = rest.split_at_mut(self.padded_len);
         let (z, radius) = rest.split_at_mut(self.padded_len);
+        let mut pace = Pace::default();
         for (i, sphere) in spheres.iter().enumerate() {
+            if cancel.look_after(BOX_TESTS, &mut pace) {
+                return Err(CullError::Cancelled);
+            }
             // Copied once: a client could write to it meanwhile.
             let sphere = *sphere;
             census.note(i as u32, sphere.class());
@@ -46,7 +54,7 @@ impl BallColumns {
             [x[i], y[i], z[i]] = Ball::NOTHING.center;
             radius[i] = Ball::NOTHING.radius;
         }
-        census
+        Ok(census)
     }
 
     /// Spheres ingested.

@@ -4,6 +4,7 @@ use super::Sphere;
 use super::bounds::bounds;
 use super::exact::Ball;
 use crate::aabb::Aabb;
+use crate::cancel::{BOX_TESTS, Cancel, Pace};
 use crate::engine::{CullError, EngineName, PairTest, counted};
 use crate::floats;
 
@@ -27,21 +28,29 @@ impl SphereFilter {
     /// Takes spheres: their bounds, and the test that candidates among these have to pass.
     ///
     /// # Errors
-    /// [`CullError::TooManyBoxes`].
+    /// [`CullError::TooManyBoxes`], and [`CullError::Cancelled`].
     pub(crate) fn candidates(
         &mut self,
         spheres: &[Sphere],
+        cancel: &Cancel,
     ) -> Result<(&[Aabb], Balls<'_>), CullError> {
         counted(spheres, EngineName::CpuBrute)?;
-        self.ingest(spheres);
+        self.ingest(spheres, cancel);
+        if cancel.is_cancelled() {
+            return Err(CullError::Cancelled);
+        }
         Ok((&self.boxes, Balls(&self.balls)))
     }
 
-    fn ingest(&mut self, spheres: &[Sphere]) {
+    fn ingest(&mut self, spheres: &[Sphere], cancel: &Cancel) {
         self.boxes.clear();
         self.balls.clear();
         floats::with_default(|| {
+            let mut pace = Pace::default();
             for sphere in spheres {
+                if cancel.look_after(BOX_TESTS, &mut pace) {
+                    return;
+                }
                 // Copied once: a client could write to it meanwhile.
                 let sphere = *sphere;
                 self.boxes.push(bounds(&sphere));

@@ -2,7 +2,8 @@
 
 use super::laid::BLOCK;
 use crate::dispatch::{CpuEngines, CullAnswer, CullOptions};
-use crate::engine::{CullError, PairRules, PairTest, Prepared, ReplyBuffer};
+use crate::engine::word_budget::WordBudget;
+use crate::engine::{CullError, PairRules, PairTest, Prepared, ReplyBuffer, counted};
 use crate::precision::BoxSlice;
 use crate::team::zip_in_parts;
 use crate::units::BoxCount;
@@ -101,6 +102,12 @@ impl CpuEngines {
     ) -> Result<CullAnswer, CullError> {
         let boxes = boxes.into();
         self.cull_by(boxes, options, reply, |engines, plan, reply| {
+            if let Some(f32_boxes) = boxes.as_f32() {
+                let n = counted(f32_boxes, plan.engine)?;
+                let budget = WordBudget::new(n, plan.encoding, false, reply)?;
+                let first = first.len().min(f32_boxes.len());
+                budget.look_at(|index| f32_boxes.get(index).copied(), Some(first))?;
+            }
             let test = SetsTest::new(first, Vec::new());
             let input = plan.input(boxes).rules(PairRules::tested_by(&test));
             engines.run(plan.engine, &input, reply)

@@ -88,7 +88,7 @@ impl SmallWorlds {
         let n = BoxCount::new(self.members.len() as u32);
         // A batch has few words: what all of them may take is looked at by who adds them up.
         let budget = &WordBudget::new(n, Encoding::List, false, &HeapReply::new())?;
-        let gather = &Gather { budget, rules, order: &[], isa };
+        let gather = &Gather { budget, rules, order: &[], isa, keeps: true };
         find(&self.worlds, &self.boxes, &mut self.task, gather);
         if let Some(test) = test {
             *laid = test.into_memory();

@@ -12,6 +12,7 @@ use super::look::Look;
 use super::small::{BATCH_BOXES, SMALL_BOXES, SmallWorlds};
 use super::test::{FilterTest, Indices};
 use crate::aabb::Aabb;
+use crate::cancel::{BOX_TESTS, Cancel, Pace};
 use crate::dispatch::boxes::{BOX_BYTES, WORD_BYTES};
 use crate::dispatch::{CpuEngines, CullAnswer, CullOptions, StageTimes, nanoseconds_since};
 use crate::engine::{
@@ -95,6 +96,7 @@ struct Scene<'a> {
     threads: usize,
     limit_words: u64,
     found: &'a AtomicU64,
+    cancel: &'a Cancel,
 }
 
 impl Worlds {
@@ -211,10 +213,14 @@ impl CpuEngines {
             threads,
             limit_words: reply.limit_words(),
             found: &AtomicU64::new(0),
+            cancel: &Cancel::by(reply.asker()),
         };
+        set_asker(&mut worlds.tasks, reply);
         let run = |tasks: &mut [Task]| tasks.iter_mut().try_for_each(|task| task.run(scene));
         let parts = worlds.tasks.len();
-        in_parts(worlds.tasks.as_mut_slice(), parts, &run, &Result::and)?;
+        let done = in_parts(worlds.tasks.as_mut_slice(), parts, &run, &Result::and);
+        set_asker(&mut worlds.tasks, &HeapReply::new());
+        done?;
         let executed_ns = nanoseconds_since(start);
         let pair_count = worlds.gather(reply)?;
         let needed_bytes = BOX_BYTES * boxes.len() + WORD_BYTES * pair_count as usize;
@@ -255,6 +261,13 @@ impl Worlds {
         }
         let most = (0..boxes.len()).max_by_key(|at| boxes[*at]).unwrap_or(0);
         EngineName::CPU[most]
+    }
+}
+
+/// Has tasks look whether the mask of a reply is still wanted.
+fn set_asker(tasks: &mut [Task], reply: &dyn ReplyBuffer) {
+    for task in tasks {
+        task.reply.set_asker(reply.asker());
     }
 }
 
@@ -305,6 +318,7 @@ impl Task {
         self.pairs.clear();
         self.counts.clear();
         (self.compared, self.census) = (0, Census::default());
+        let mut pace = Pace::default();
         let mut groups = &scene.groups.groups()[self.groups.clone()];
         while let Some((group, after)) = groups.split_first() {
             let before = self.pairs.len();
@@ -323,6 +337,10 @@ impl Task {
                 groups = after;
             }
             let count = (self.pairs.len() - before) as u64;
+            let boxes = group.members.len().max(BATCH_BOXES) as u64;
+            if scene.cancel.look_after(BOX_TESTS * boxes, &mut pace) {
+                return Err(CullError::Cancelled);
+            }
             let found = scene.found.fetch_add(count, Ordering::Relaxed) + count;
             let words = found.saturating_mul(PAIR_WORDS);
             if words > scene.limit_words {

@@ -73,7 +73,9 @@ impl BruteForce {
     ) -> Result<MaskShape, CullError> {
         if encoding == Encoding::Dense {
             let mask = DenseRows::reserve(gather.budget.n(), reply)?;
-            return Ok(self.run_into(mask, gather, clock));
+            let shape = self.run_into(mask, gather, clock);
+            gather.budget.check()?;
+            return Ok(shape);
         }
         let columns = &self.columns;
         let parts = self.tasks.len();
@@ -136,11 +138,15 @@ impl Engine for BruteForce {
     ) -> Result<CullReport, CullError> {
         let (boxes, n) = input.f32_boxes(EngineName::CpuBrute)?;
         let budget = &WordBudget::new(n, input.encoding, false, reply)?;
-        let gather = &Gather { budget, rules: input.rules, order: &[], isa: self.isa };
+        if input.rules.pass_all() {
+            budget.look_at(|index| boxes.get(index).copied(), None)?;
+        }
+        let gather =
+            &Gather { budget, rules: input.rules, order: &[], isa: self.isa, keeps: true };
         let threads = split::threads_for(boxes.len(), input.threads);
         let _team = team::enter(threads);
         let mut clock = StageClock::start();
-        let census = self.columns.ingest(boxes, self.isa);
+        let census = self.columns.ingest(boxes, self.isa, budget.cancel())?;
         self.assign(threads);
         input.rules.prepare(boxes.len(), &[], input.threads);
         clock.ingested();

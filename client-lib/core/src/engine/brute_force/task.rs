@@ -4,12 +4,14 @@ use std::ops::Range;
 
 use super::search;
 use super::words::WordList;
+use crate::cancel::{Cancel, Pace};
 use crate::engine::encode::{DenseWindow, FoundWords};
 use crate::engine::gather::Gather;
 use crate::engine::ingest::KeyColumns;
 
 /// Rows that go through all stages together: few enough that what one stage leaves is still in the
-/// cache for the next.
+/// cache for the next. Fewer in large scenes, whose rows take long: between batches, it is looked whether the mask is
+/// still wanted.
 const BATCH_ROWS: usize = 64;
 
 /// A range of rows, what was found in them, and the scratch for it.
@@ -33,11 +35,15 @@ impl Task {
 
     /// Finds the words of all rows and keeps them, until the budget is spent.
     pub fn run(&mut self, columns: &KeyColumns, gather: &Gather<'_>) {
-        for rows in batches(self.rows.clone()) {
+        let mut pace = Pace::default();
+        for rows in batches(self.rows.clone(), columns.len()) {
+            let tests = tests_of(&rows, columns);
             let before = self.found.len();
             self.find(columns, rows, gather);
             self.found.sift(before, gather);
-            if !gather.budget.take(&self.found.arrays()[2][before..]) {
+            if !gather.budget.take(&self.found.arrays()[2][before..])
+                || gather.budget.cancel().look_after(tests, &mut pace)
+            {
                 return;
             }
         }
@@ -51,8 +57,12 @@ impl Task {
         gather: &Gather<'_>,
         mut window: DenseWindow<'_>,
     ) {
-        window.clear();
-        for rows in batches(self.rows.clone()) {
+        let (cancel, mut pace) = (gather.budget.cancel(), Pace::default());
+        window.clear(cancel);
+        for rows in batches(self.rows.clone(), columns.len()) {
+            if cancel.look_after(tests_of(&rows, columns), &mut pace) {
+                return;
+            }
             self.found.clear();
             self.find(columns, rows, gather);
             self.found.sift(0, gather);
@@ -68,6 +78,11 @@ impl Task {
     }
 }
 
-fn batches(rows: Range<usize>) -> impl Iterator<Item = Range<usize>> {
-    rows.clone().step_by(BATCH_ROWS).map(move |start| start..rows.end.min(start + BATCH_ROWS))
+fn tests_of(rows: &Range<usize>, columns: &KeyColumns) -> u64 {
+    rows.len() as u64 * columns.len() as u64
+}
+
+fn batches(rows: Range<usize>, n: usize) -> impl Iterator<Item = Range<usize>> {
+    let count = Cancel::rows_at_once(n, BATCH_ROWS);
+    rows.clone().step_by(count).map(move |start| start..rows.end.min(start + count))
 }

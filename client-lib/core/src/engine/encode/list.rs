@@ -1,6 +1,7 @@
 //! The list encoding: the pairs of boxes themselves, in the order of the words of all tasks.
 
 use super::{EncodingCost, FoundWords};
+use crate::cancel::Pace;
 use crate::engine::gather::Gather;
 use crate::engine::{CostTerm, CullError, ReplyBuffer};
 use crate::mask::MaskShape;
@@ -24,6 +25,9 @@ pub(super) const COST: EncodingCost = EncodingCost {
 };
 
 const PAIR_BYTES: f64 = 8.0;
+
+/// A word whose pairs are named, in tests of boxes.
+const WORD_TESTS: u64 = 32;
 
 /// Fewest pairs that are worth a second thread: some 10 µs of work.
 const PARALLEL_PAIRS: u64 = 8 * 1024;
@@ -71,8 +75,11 @@ where
 
     fn write(self, gather: &Gather<'_>) {
         let tasks = self.tasks(0, self.task_count);
-        let mut rest = self.out;
+        let (mut rest, mut pace) = (self.out, Pace::default());
         for words in tasks.flat_map(FoundWords::chunks) {
+            if gather.budget.cancel().look_after(WORD_TESTS * words[2].len() as u64, &mut pace) {
+                return;
+            }
             gather.name_pairs(words, |pairs| {
                 let (here, later) = std::mem::take(&mut rest).split_at_mut(pairs.len());
                 here.copy_from_slice(pairs);

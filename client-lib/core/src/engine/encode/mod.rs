@@ -57,7 +57,7 @@ pub(crate) trait FoundWords: Sync {
 /// `parallel`, the rayon pool of this thread takes part where there is enough to write.
 ///
 /// # Errors
-/// [`CullError::Reserve`] when the reply has no room: the words are then not all.
+/// [`CullError::Reserve`] when the reply has no room: the words are then not all. [`CullError::Cancelled`].
 pub(crate) fn write<'a, W, T>(
     tasks: T,
     gather: &Gather<'_>,
@@ -70,11 +70,13 @@ where
     T: Iterator<Item = &'a W> + Clone + Send + Sync,
 {
     gather.budget.check()?;
-    match encoding {
+    let shape = match encoding {
         Encoding::Dense => dense::write(tasks, gather, reply),
         Encoding::Sparse => sparse::write(&tasks, gather, parallel, reply),
         Encoding::List => list::write(&tasks, gather, parallel, reply),
-    }
+    }?;
+    gather.budget.check()?;
+    Ok(shape)
 }
 
 /// Writes the mask of `n` boxes, in their own order, of which no two overlap.
@@ -88,6 +90,6 @@ pub fn write_no_pairs(
 ) -> Result<MaskShape, CullError> {
     let budget = &WordBudget::new(n, encoding, false, reply)?;
     let isa = AvailableIsa::best();
-    let gather = &Gather { budget, rules: PairRules::NONE, order: &[], isa };
+    let gather = &Gather { budget, rules: PairRules::NONE, order: &[], isa, keeps: true };
     write(std::iter::empty::<&WordSink>(), gather, encoding, false, reply)
 }

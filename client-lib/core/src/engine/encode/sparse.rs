@@ -1,6 +1,7 @@
 //! The sparse encoding: the words of all tasks behind one another, in three arrays, and the order.
 
 use super::{EncodingCost, FoundWords};
+use crate::cancel::{Cancel, Pace};
 use crate::engine::gather::Gather;
 use crate::engine::{CostTerm, CullError, ReplyBuffer};
 use crate::mask::{MaskShape, SECTION_ALIGN_WORDS};
@@ -28,6 +29,9 @@ pub(super) const COST: EncodingCost = EncodingCost {
 /// Bytes of a word: row, block and bits.
 const WORD_BYTES: f64 = 12.0;
 const ORDER_BYTES: f64 = 4.0;
+
+/// A word that is copied, in tests of boxes.
+const WORD_TESTS: u64 = 4;
 
 /// Fewest words that are worth a second thread.
 const PARALLEL_WORDS: usize = 16 * 1024;
@@ -61,7 +65,7 @@ where
     let parallel = parallel && word_count as usize + order.len() >= PARALLEL_WORDS;
     let parts = if parallel { jobs.len() } else { 1 };
     for_each_in_parts(&mut jobs, parts, |(section, out)| match section {
-        Section::Words(array) => copy_words(tasks.clone(), *array, out),
+        Section::Words(array) => copy_words(tasks.clone(), *array, out, budget.cancel()),
         Section::Order => out.copy_from_slice(order),
     });
     Ok(shape)
@@ -78,9 +82,13 @@ fn copy_words<'a, W: FoundWords + 'a>(
     tasks: impl Iterator<Item = &'a W>,
     array: usize,
     out: &mut [u32],
+    cancel: &Cancel,
 ) {
-    let mut rest = out;
+    let (mut rest, mut pace) = (out, Pace::default());
     for words in tasks.flat_map(FoundWords::chunks).map(|arrays| arrays[array]) {
+        if cancel.look_after(WORD_TESTS * words.len() as u64, &mut pace) {
+            return;
+        }
         let (here, later) = rest.split_at_mut(words.len());
         here.copy_from_slice(words);
         rest = later;

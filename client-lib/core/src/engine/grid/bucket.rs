@@ -5,6 +5,7 @@ use super::homes::CELL_MASK;
 use super::level::Reach;
 use super::sort::Deal;
 use super::tile::Record;
+use crate::cancel::{BOX_TESTS, Cancel, Pace};
 use crate::engine::AvailableIsa;
 use crate::engine::strips::{KeyArraysMut, split_keys};
 use crate::team::{Split, in_parts, part_count};
@@ -53,12 +54,16 @@ impl Split for Buckets<'_> {
 }
 
 impl Buckets<'_> {
-    /// Sorts all buckets. `records` and `ends` are what the first pass left.
-    pub fn run(self, records: &[Record], ends: &[u32]) {
+    /// Sorts all buckets, unless cancelled. `records` and `ends` are what the first pass left.
+    pub fn run(self, records: &[Record], ends: &[u32], cancel: &Cancel) {
         let parts = part_count(self.len(), 1, self.deal.threads);
         let collect = |buckets: Buckets<'_>| {
-            let mut rest = buckets;
+            let (mut rest, mut pace) = (buckets, Pace::default());
             while rest.len() > 1 {
+                let boxes = rest.starts[1] - rest.starts[0];
+                if cancel.look_after(BOX_TESTS * u64::from(boxes), &mut pace) {
+                    return;
+                }
                 let (first, later) = rest.split_at(1);
                 first.sort_one(records, ends);
                 rest = later;

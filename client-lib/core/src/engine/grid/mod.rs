@@ -36,6 +36,7 @@ use self::rows::{CellSearch, Scene};
 pub(crate) use self::sample::{Density, Sample};
 use self::sort::SortedBoxes;
 use crate::aabb::Aabb;
+use crate::cancel::Cancel;
 use crate::engine::gather::Gather;
 use crate::engine::ordered::{Arrangement, Ordered};
 use crate::engine::strips::{OrderedBoxes, StripTask};
@@ -77,6 +78,7 @@ impl Arrangement for Cells {
         threads: usize,
         may_hand_over: bool,
         isa: AvailableIsa,
+        cancel: &Cancel,
     ) -> Result<Census, CullError> {
         self.layout.choose(boxes);
         let is_crowded =
@@ -85,7 +87,7 @@ impl Arrangement for Cells {
             return Err(CullError::TooCrowded { engine: Self::NAME });
         }
         let Layout { levels, cell_count, .. } = &self.layout;
-        Ok(self.sorted.sort(boxes, levels, *cell_count, threads, isa))
+        self.sorted.sort(boxes, levels, *cell_count, threads, isa, cancel)
     }
 
     fn boxes(&self) -> &OrderedBoxes {

@@ -12,8 +12,9 @@ use super::level::{Level, Reach};
 use super::tile::{Record, Tiles};
 use crate::aabb::Aabb;
 use crate::aligned::AlignedBuffer;
+use crate::cancel::Cancel;
 use crate::engine::strips::OrderedBoxes;
-use crate::engine::{AvailableIsa, Census};
+use crate::engine::{AvailableIsa, Census, CullError};
 
 /// Most boxes of a tile: 384 KiB of boxes and 512 KiB of records. Larger tiles leave longer stretches
 /// to each bucket, which the second pass reads faster.
@@ -69,6 +70,9 @@ impl Deal {
 
 impl SortedBoxes {
     /// Sorts the boxes of a frame and counts those that overlap nothing.
+    ///
+    /// # Errors
+    /// [`CullError::Cancelled`].
     pub fn sort(
         &mut self,
         boxes: &[Aabb],
@@ -76,7 +80,8 @@ impl SortedBoxes {
         cell_count: u32,
         threads: usize,
         isa: AvailableIsa,
-    ) -> Census {
+        cancel: &Cancel,
+    ) -> Result<Census, CullError> {
         let n = boxes.len();
         // One cell more for the boxes that overlap nothing.
         let cells = cell_count as usize + 1;
@@ -87,7 +92,10 @@ impl SortedBoxes {
         let records = self.records.as_mut_slice();
         let ends = self.bucket_ends.as_mut_slice();
         let tiles = Tiles { boxes, first_index: 0, records, ends, deal };
-        let census = tiles.run(levels, cell_count, isa);
+        let census = tiles.run(levels, cell_count, isa, cancel);
+        if cancel.is_cancelled() {
+            return Err(CullError::Cancelled);
+        }
 
         self.boxes.resize(n);
         self.reach.resize(n, 0);
@@ -105,8 +113,8 @@ impl SortedBoxes {
             deal,
             isa,
         }
-        .run(self.records.as_slice(), &self.bucket_ends);
-        census
+        .run(self.records.as_slice(), &self.bucket_ends, cancel);
+        if cancel.is_cancelled() { Err(CullError::Cancelled) } else { Ok(census) }
     }
 
     pub fn allocated_bytes(&self) -> usize {

@@ -4,6 +4,7 @@ use super::homes::{self, CELL_MASK};
 use super::level::Level;
 use super::sort::{BUCKET_MOST, Deal, TILE_MOST};
 use crate::aabb::Aabb;
+use crate::cancel::{BOX_TESTS, Cancel, Pace};
 use crate::engine::{AvailableIsa, Census};
 use crate::team::{Split, in_parts, part_count};
 
@@ -53,28 +54,46 @@ impl Split for Tiles<'_> {
 }
 
 impl Tiles<'_> {
-    /// Deals the boxes of all tiles. What overlaps nothing goes to the cell `nothing`.
-    pub fn run(self, levels: &[Level], nothing: u32, isa: AvailableIsa) -> Census {
+    /// Deals the boxes of all tiles, unless cancelled. What overlaps nothing goes to the cell `nothing`.
+    pub fn run(
+        self,
+        levels: &[Level],
+        nothing: u32,
+        isa: AvailableIsa,
+        cancel: &Cancel,
+    ) -> Census {
         let parts = part_count(self.len(), 1, self.deal.threads);
-        let deal = |tiles: Self| tiles.deal(levels, nothing, isa);
+        let deal = |tiles: Self| tiles.deal(levels, nothing, isa, cancel);
         in_parts(self, parts, &deal, &|low, high| low.then(&high))
     }
 
-    fn deal(self, levels: &[Level], nothing: u32, isa: AvailableIsa) -> Census {
+    fn deal(
+        self,
+        levels: &[Level],
+        nothing: u32,
+        isa: AvailableIsa,
+        cancel: &Cancel,
+    ) -> Census {
         if self.deal.tile_len <= SMALL_TILE {
-            self.deal_with(&mut [0; SMALL_TILE], levels, nothing, isa)
+            self.deal_with(&mut [0; SMALL_TILE], levels, nothing, isa, cancel)
         } else {
-            self.deal_large(levels, nothing, isa)
+            self.deal_large(levels, nothing, isa, cancel)
         }
     }
 
     /// Apart, so that small tiles do without its stack.
     #[inline(never)]
-    fn deal_large(self, levels: &[Level], nothing: u32, isa: AvailableIsa) -> Census {
+    fn deal_large(
+        self,
+        levels: &[Level],
+        nothing: u32,
+        isa: AvailableIsa,
+        cancel: &Cancel,
+    ) -> Census {
         // 64 KiB: of a stack of 2 MiB or more, and of the second-level cache.
         #[allow(clippy::large_stack_arrays)]
         let mut homes = [0u32; TILE_MOST];
-        self.deal_with(&mut homes, levels, nothing, isa)
+        self.deal_with(&mut homes, levels, nothing, isa, cancel)
     }
 
     /// Deals with room for the homes of a tile.
@@ -85,13 +104,18 @@ impl Tiles<'_> {
         levels: &[Level],
         nothing: u32,
         isa: AvailableIsa,
+        cancel: &Cancel,
     ) -> Census {
+        let mut pace = Pace::default();
         let mut census = Census::default();
         let mut index = self.first_index;
         let boxes = self.boxes.chunks(self.deal.tile_len);
         let records = self.records.chunks_mut(self.deal.tile_len);
         let ends = self.ends.chunks_exact_mut(self.deal.bucket_count);
         for ((boxes, records), ends) in boxes.zip(records).zip(ends) {
+            if cancel.look_after(BOX_TESTS * boxes.len() as u64, &mut pace) {
+                break;
+            }
             let homes = &mut homes[..boxes.len()];
             census = census.then(&homes::find(boxes, index, levels, nothing, homes, isa));
             deal_tile(boxes, index, homes, records, ends, self.deal.bucket_shift);

@@ -5,12 +5,16 @@
 
 use crate::aabb::{Aabb, KeyBox};
 use crate::aligned::AlignedBuffer;
+use crate::cancel::Cancel;
 use crate::engine::strips::KeyArraysMut;
-use crate::engine::{AvailableIsa, Census, NAMED_INVALID};
+use crate::engine::{AvailableIsa, Census, CullError, NAMED_INVALID};
 use crate::simd::{Simd, per_isa};
 
 /// Columns that one 64-bit mask word covers: the granule that key arrays are padded to.
 pub const WORD_COLUMNS: usize = 64;
+
+/// Boxes that are read between two looks whether anybody waits for the answer: some 50 µs. A multiple of all registers.
+const READ_AT_ONCE: usize = 1 << 14;
 
 /// The keys of all boxes, one array for each of the six coordinates, on 64-byte borders.
 ///
@@ -26,24 +30,40 @@ pub(crate) struct KeyColumns {
 impl KeyColumns {
     /// Reads all boxes and counts those that overlap nothing.
     ///
+    /// # Errors
+    /// [`CullError::Cancelled`].
+    ///
     /// # Panics
     /// When the system has no memory for 24 bytes a box (the first time that so many boxes come).
-    pub fn ingest(&mut self, boxes: &[Aabb], isa: AvailableIsa) -> Census {
+    pub fn ingest(
+        &mut self,
+        boxes: &[Aabb],
+        isa: AvailableIsa,
+        cancel: &Cancel,
+    ) -> Result<Census, CullError> {
         self.len = boxes.len();
         self.padded_len = boxes.len().next_multiple_of(WORD_COLUMNS);
         self.keys.resize(6 * self.padded_len);
         let mut census = Census::default();
         if boxes.is_empty() {
-            return census;
+            return Ok(census);
         }
         let mut columns = split_columns(self.keys.as_mut_slice(), self.padded_len);
-        fill(boxes, &mut columns, &mut census, isa);
+        for (some, first) in boxes.chunks(READ_AT_ONCE).zip((0..).step_by(READ_AT_ONCE)) {
+            if first > 0 && cancel.look() {
+                return Err(CullError::Cancelled);
+            }
+            let mut columns = columns.each_mut().map(|column| &mut column[first..]);
+            let mut of_some = Census::default();
+            fill(some, &mut columns, &mut of_some, isa);
+            census = census.then(&of_some.from_index(first as u32));
+        }
         for (component, column) in columns.iter_mut().enumerate() {
             let nothing =
                 if component < 3 { KeyBox::NOTHING.min[0] } else { KeyBox::NOTHING.max[0] };
             column[boxes.len()..].fill(nothing);
         }
-        census
+        Ok(census)
     }
 
     /// Bytes that are allocated.

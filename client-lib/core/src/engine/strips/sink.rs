@@ -4,7 +4,7 @@ use super::hits::Hits;
 use super::{RowBlock, StripBatch, words};
 use crate::engine::encode::FoundWords;
 use crate::engine::gather::Gather;
-use crate::test_budget::TestLot;
+use crate::engine::word_budget::Tests;
 
 /// Words of a chunk, 12 KiB: large enough that [`STEP_ROOM`] left empty is a twentieth of it, small
 /// enough that the last, half empty one of each task is nothing against the boxes of the task.
@@ -99,7 +99,7 @@ pub(crate) struct WordSink {
     used: usize,
     hits: Hits,
     pair_count: u64,
-    tests: TestLot,
+    tests: Tests,
 }
 
 impl WordSink {
@@ -109,7 +109,7 @@ impl WordSink {
         self.chunks.truncate(2 * self.used);
         self.used = 0;
         self.pair_count = 0;
-        self.tests = TestLot::default();
+        self.tests = Tests::default();
     }
 
     /// Drops all words and gives their memory back: after a refusal, the next frame is not
@@ -188,6 +188,10 @@ impl WordSink {
                 return;
             }
             gather.budget.take(full.arrays()[2]);
+            if !gather.keeps {
+                full.open(word, start);
+                return;
+            }
         }
         if self.chunks.len() == self.used {
             self.chunks.push(WordChunk::new());
@@ -231,7 +235,7 @@ mod tests {
 
     /// The best of this machine, without an order.
     fn gather<'a>(budget: &'a WordBudget, rules: PairRules<'a>) -> Gather<'a> {
-        Gather { budget, rules, order: &[], isa: AvailableIsa::best() }
+        Gather { budget, rules, order: &[], isa: AvailableIsa::best(), keeps: true }
     }
 
     #[test]

@@ -13,6 +13,7 @@ mod sweep;
 
 use self::order::SweepOrder;
 use crate::aabb::Aabb;
+use crate::cancel::Cancel;
 use crate::engine::gather::Gather;
 use crate::engine::ordered::{Arrangement, Ordered};
 use crate::engine::strips::{OrderedBoxes, StripTask};
@@ -27,6 +28,9 @@ pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor::of_cpu(
     true,
     CpuEngine { make: |isa| Box::new(SweepAndPrune::on(isa)), terms: cost::TERMS },
 );
+
+/// Keys that are gathered between two looks whether anybody waits for the answer: some 100 µs.
+const GATHERED_AT_ONCE: usize = 1 << 15;
 
 /// The engine `cpu-sap`.
 type SweepAndPrune = Ordered<Sweep>;
@@ -55,11 +59,12 @@ impl Arrangement for Sweep {
         _threads: usize,
         _may_hand_over: bool,
         isa: AvailableIsa,
+        cancel: &Cancel,
     ) -> Result<Census, CullError> {
-        let census = self.columns.ingest(boxes, isa);
+        let census = self.columns.ingest(boxes, isa, cancel)?;
         self.axis = axis::widest(&self.columns);
         let n = boxes.len();
-        self.order.sort(&self.columns.min(self.axis)[..n]);
+        self.order.sort(&self.columns.min(self.axis)[..n], cancel)?;
         self.boxes.resize(n);
         let (keys, order) = self.boxes.parts_mut();
         for (slot, index) in order.iter_mut().zip(self.order.indices()) {
@@ -68,8 +73,14 @@ impl Arrangement for Sweep {
         for (component, array) in keys.into_iter().enumerate() {
             let axis = component % 3;
             let of = if component < 3 { self.columns.min(axis) } else { self.columns.max(axis) };
-            for (key, index) in array.iter_mut().zip(&*order) {
-                *key = of[*index as usize];
+            let steps = array.chunks_mut(GATHERED_AT_ONCE).zip(order.chunks(GATHERED_AT_ONCE));
+            for (keys, indices) in steps {
+                if n > GATHERED_AT_ONCE && cancel.look() {
+                    return Err(CullError::Cancelled);
+                }
+                for (key, index) in keys.iter_mut().zip(indices) {
+                    *key = of[*index as usize];
+                }
             }
         }
         Ok(census)

@@ -10,6 +10,8 @@
 #![allow(clippy::needless_bitwise_bool)]
 
 use crate::aabb::{coordinate, order_key};
+use crate::cancel::Cancel;
+use crate::engine::CullError;
 
 /// Min key (in the upper half) and index of a box. Sorts as a number.
 type Entry = u64;
@@ -33,6 +35,8 @@ const ROUND: f32 = 12_582_912.0;
 const DIGIT_BITS: u32 = 11;
 const DIGITS: u32 = 3;
 const BUCKETS: usize = 1 << DIGIT_BITS;
+/// Entries that are moved between two looks whether anybody waits for the answer: some 100 µs.
+const MOVED_AT_ONCE: usize = 1 << 15;
 
 /// Sorted entries. Memory is kept from frame to frame.
 #[derive(Default)]
@@ -48,18 +52,23 @@ pub(super) struct SweepOrder {
 
 impl SweepOrder {
     /// Sorts the boxes with these min keys.
-    pub fn sort(&mut self, min: &[i32]) {
+    ///
+    /// # Errors
+    /// [`CullError::Cancelled`]: the next sort starts afresh.
+    pub fn sort(&mut self, min: &[i32], cancel: &Cancel) -> Result<(), CullError> {
         if self.entries.len() == min.len() {
             for entry in &mut self.entries {
                 *entry = new_entry(min, *entry as u32);
             }
             if insert(&mut self.entries) {
-                return;
+                return Ok(());
             }
         }
-        if min.len() > DEALT_MOST || !self.deal(min) {
-            self.radix_sort(min);
+        if (min.len() > DEALT_MOST || !self.deal(min)) && !self.radix_sort(min, cancel) {
+            self.entries.clear();
+            return Err(CullError::Cancelled);
         }
+        Ok(())
     }
 
     pub fn allocated_bytes(&self) -> usize {
@@ -106,8 +115,9 @@ impl SweepOrder {
         insert(&mut self.entries)
     }
 
-    /// From the least digit to the most, each pass stable, from the order of indices.
-    fn radix_sort(&mut self, min: &[i32]) {
+    /// From the least digit to the most, each pass stable, from the order of indices. Whether it came to the end, and
+    /// was not cancelled.
+    fn radix_sort(&mut self, min: &[i32], cancel: &Cancel) -> bool {
         self.entries.clear();
         self.entries.extend((0..min.len() as u32).map(|i| new_entry(min, i)));
         self.scratch.resize(min.len(), 0);
@@ -125,13 +135,19 @@ impl SweepOrder {
                 *count = start;
                 start = end;
             }
-            for entry in &self.entries {
-                let next = &mut counts[bucket(*entry, digit)];
-                self.scratch[*next as usize] = *entry;
-                *next += 1;
+            for some in self.entries.chunks(MOVED_AT_ONCE) {
+                if min.len() > MOVED_AT_ONCE && cancel.look() {
+                    return false;
+                }
+                for entry in some {
+                    let next = &mut counts[bucket(*entry, digit)];
+                    self.scratch[*next as usize] = *entry;
+                    *next += 1;
+                }
             }
             std::mem::swap(&mut self.entries, &mut self.scratch);
         }
+        true
     }
 }
 
@@ -188,7 +204,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn check(order: &mut SweepOrder, min: &[i32]) {
-        order.sort(min);
+        order.sort(min, &Cancel::NEVER).expect("never cancelled");
         let mut expected: Vec<u32> = (0..min.len() as u32).collect();
         expected.sort_by_key(|i| (min[*i as usize], *i));
         assert!(order.indices().eq(expected));

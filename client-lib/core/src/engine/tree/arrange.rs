@@ -5,6 +5,7 @@ use std::borrow::Cow;
 use super::FAN_OUT;
 use super::cut::{Cut, Surroundings};
 use crate::aabb::{Aabb, order_key};
+use crate::cancel::Cancel;
 use crate::engine::{AvailableIsa, Census};
 use crate::floats;
 use crate::team::{Split, in_parts, part_count};
@@ -14,6 +15,10 @@ pub(super) const TASK_BOXES: usize = 4_096;
 
 /// Boxes of a group beyond which what is around its sides is looked for anew: it takes as long as to part 500 boxes.
 const LARGE: usize = 512;
+
+/// Boxes of a group beyond which it is looked before it is parted whether anybody waits for the answer: smaller ones
+/// take less than 100 µs.
+const LOOKED_AT: usize = 2_048;
 
 /// A box on its way into the order: 32 bytes, two to a cache line.
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
@@ -78,18 +83,22 @@ pub(super) fn valid_first<'a>(entries: &'a mut [Entry], census: &Census) -> &'a 
     &mut entries[..valid]
 }
 
-/// Brings valid boxes into order, in so many parts. Ranges that are whole groups of every size, from their
+/// Brings valid boxes into order, in so many parts, unless cancelled. Ranges that are whole groups of every size, from their
 /// first box on, lie close together.
 pub(super) fn arrange(
     entries: &mut [Entry],
     around: &Surroundings,
     parts: usize,
     isa: AvailableIsa,
+    cancel: &Cancel,
 ) {
     let mut rest = entries;
     let mut around = Cow::Borrowed(around);
     while rest.len() > FAN_OUT {
         let all = rest.len();
+        if all > LOOKED_AT && cancel.look() {
+            return;
+        }
         let granule = FAN_OUT.pow((all - 1).ilog(FAN_OUT));
         let (at, sides) = floats::with_default(|| {
             let cut = Cut::choose(rest, &around, isa);
@@ -110,12 +119,12 @@ pub(super) fn arrange(
         if parts > 1 {
             let low_parts = (parts * at / all).clamp(1, parts - 1);
             rayon::join(
-                || arrange(low, of_low, low_parts, isa),
-                || arrange(high, of_high, parts - low_parts, isa),
+                || arrange(low, of_low, low_parts, isa, cancel),
+                || arrange(high, of_high, parts - low_parts, isa, cancel),
             );
             return;
         }
-        arrange(low, of_low, 1, isa);
+        arrange(low, of_low, 1, isa, cancel);
         rest = high;
         if let Some([_, of_high]) = sides {
             around = Cow::Owned(of_high);

@@ -23,6 +23,7 @@ use self::nodes::Nodes;
 use self::search::Lists;
 use crate::aabb::Aabb;
 use crate::aligned::AlignedBuffer;
+use crate::cancel::Cancel;
 use crate::engine::gather::Gather;
 use crate::engine::ordered::{Arrangement, Ordered};
 use crate::engine::strips::{OrderedBoxes, STRIP_COLUMNS, StripTask};
@@ -51,19 +52,20 @@ pub(super) struct Groups {
     nodes: Nodes,
 }
 
-/// Brings boxes into the order of the tree, and those that overlap nothing behind all others.
+/// Brings boxes into the order of the tree, and those that overlap nothing behind all others, unless cancelled.
 fn order_into(
     entries: &mut AlignedBuffer<Entry>,
     boxes: &[Aabb],
     threads: usize,
     isa: AvailableIsa,
+    cancel: &Cancel,
 ) -> Census {
     entries.resize(boxes.len());
     let entries = entries.as_mut_slice();
     let census = arrange::read(boxes, entries, threads);
     let valid = arrange::valid_first(entries, &census);
     let parts = part_count(valid.len(), arrange::TASK_BOXES, threads);
-    arrange(valid, &Surroundings::default(), parts, isa);
+    arrange(valid, &Surroundings::default(), parts, isa, cancel);
     census
 }
 
@@ -74,7 +76,7 @@ pub(crate) fn order_by_tree(
     isa: AvailableIsa,
 ) -> AlignedBuffer<Entry> {
     let mut entries = AlignedBuffer::default();
-    order_into(&mut entries, boxes, threads, isa);
+    order_into(&mut entries, boxes, threads, isa, &Cancel::NEVER);
     entries
 }
 
@@ -93,8 +95,12 @@ impl Arrangement for Groups {
         threads: usize,
         _may_hand_over: bool,
         isa: AvailableIsa,
+        cancel: &Cancel,
     ) -> Result<Census, CullError> {
-        let census = order_into(&mut self.entries, boxes, threads, isa);
+        let census = order_into(&mut self.entries, boxes, threads, isa, cancel);
+        if cancel.is_cancelled() {
+            return Err(CullError::Cancelled);
+        }
         self.boxes.resize(boxes.len());
         self.nodes.build(self.entries.as_slice(), &mut self.boxes, threads);
         Ok(census)

@@ -93,7 +93,7 @@ impl QueryMask {
         } else {
             let budget = &WordBudget::new(self.n, encoding, false, reply)?;
             let isa = AvailableIsa::best();
-            let gather = &Gather { budget, rules: PairRules::NONE, order: &[], isa };
+            let gather = &Gather { budget, rules: PairRules::NONE, order: &[], isa, keeps: true };
             let words = Words::of(found, self.queries);
             encode::write(std::iter::once(&words), gather, encoding, false, reply)?
         };
