@@ -3,7 +3,6 @@
 use std::time::Instant;
 
 use super::{CpuEngines, CullAnswer, CullOptions, StageTimes, nanoseconds_since};
-use crate::cancel::Cancel;
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
     AvailableIsa, CullError, CullInput, EngineChoice, EngineName, PairRules, ReplyBuffer, counted,
@@ -135,7 +134,10 @@ impl SphereWays {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         let start = Instant::now();
-        let (bounds, balls) = self.filter.candidates(spheres, &Cancel::by(reply.asker()))?;
+        let n = counted(spheres, EngineName::CpuGrid)?;
+        let budget = WordBudget::new(n, encoding, true, reply)?;
+        budget.look_at(|index| spheres.get(index).copied(), None)?;
+        let (bounds, balls) = self.filter.candidates(spheres, budget.cancel())?;
         let bounds_ns = nanoseconds_since(start);
         // The engine that finds candidates soonest, regardless of what is made of them.
         let sparse = CullOptions { encoding: EncodingChoice::Only(Encoding::Sparse), ..*options };
@@ -143,9 +145,6 @@ impl SphereWays {
         let mut plan = boxes.plan(bounds, &sparse, None);
         plan.encoding = encoding;
         let plan_ns = nanoseconds_since(plan_start);
-        let n = counted(spheres, plan.engine)?;
-        let budget = WordBudget::new(n, encoding, true, reply)?;
-        budget.look_at(|index| spheres.get(index).copied(), None)?;
         let input = plan.input(bounds).rules(PairRules::tested_by(&balls));
         let (engine, mut report) = boxes.run(plan.engine, &input, reply)?;
         plan.engine = engine;

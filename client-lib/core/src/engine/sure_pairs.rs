@@ -2,8 +2,10 @@
 //!
 //! Boxes that hold the same point overlap one another, so m of them are m(m − 1)/2 pairs. A sample of the boxes says
 //! where they lie in crowds: some coordinates on each axis, so that most of the sample holds one of them, span a lattice
-//! of points. Each box then counts for one point that it holds, if there is one, which takes some ns. So the count says
-//! nothing that is not so: a scene that would fit is never refused.
+//! of points. Each box then counts for one point that it holds, if there is one, which takes some ns.
+//!
+//! A heap in which each box meets many others, and few hold the same point, has more pairs than that. There a larger sample
+//! decides, where its pairs are so many that chance has no part in it: the bound of Hoeffding 1963 for means over pairs.
 
 use crate::aabb::Aabb;
 use crate::cancel::Cancel;
@@ -20,6 +22,11 @@ const SAMPLED_PAIRS: u64 = 2;
 const COORDINATES: usize = 16;
 /// Boxes that are counted from one look to the next, whether there are enough pairs and anybody waits for them.
 const COUNTED_AT_ONCE: usize = 4_096;
+/// Boxes of the larger sample, whose pairs take some ms to test; for spheres, a test of which takes ten times as long, half
+/// as many.
+const MANY_SAMPLED: usize = 2_048;
+/// The exponent of the chance that a scene of no more pairs than fit is refused: once in 10^17 scenes.
+const NO_CHANCE: f64 = 40.0;
 /// A scene is counted where the sample says that it has this share of the pairs, one in so many: it may say too few.
 const EXPECTED_SHARE: f64 = 4.0;
 
@@ -30,6 +37,12 @@ pub(crate) trait Body: Copy {
 
     /// Whether it holds a point, exactly.
     fn holds(&self, point: [f32; 3]) -> bool;
+
+    /// Whether it overlaps another one, exactly.
+    fn meets(&self, other: &Self) -> bool;
+
+    /// How many are sampled where that decides.
+    const SAMPLED: usize;
 }
 
 impl Body for Aabb {
@@ -41,6 +54,14 @@ impl Body for Aabb {
     fn holds(&self, point: [f32; 3]) -> bool {
         (0..3).all(|axis| self.min[axis] <= point[axis] && point[axis] <= self.max[axis])
     }
+
+    #[inline(always)]
+    fn meets(&self, other: &Self) -> bool {
+        let apart = |axis: usize| self.min[axis] > other.max[axis] || other.min[axis] > self.max[axis];
+        !(0..3).any(apart)
+    }
+
+    const SAMPLED: usize = MANY_SAMPLED;
 }
 
 impl Body for Sphere {
@@ -55,14 +76,20 @@ impl Body for Sphere {
     fn holds(&self, point: [f32; 3]) -> bool {
         self.overlaps(&Self { center: point, radius: 0.0 })
     }
+
+    fn meets(&self, other: &Self) -> bool {
+        self.overlaps(other)
+    }
+
+    const SAMPLED: usize = MANY_SAMPLED / 2;
 }
 
-/// What a sample says of the pairs of a scene.
+/// What is seen of the pairs of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Outlook {
-    /// Of a scene that has so many pairs or more.
+    /// There are so many or more.
     AtLeast(u64),
-    /// Nothing is sure.
+    /// So many are expected, and nothing is sure.
     Expected(f64),
 }
 
@@ -90,11 +117,59 @@ pub(crate) fn outlook<T: Body>(
             return Outlook::Expected(expected);
         }
         let lattice = [0, 1, 2].map(|axis| coordinates(&sample, axis));
-        match count((n, first), get, &lattice, beyond, cancel) {
+        match count((n, first), &get, &lattice, beyond, cancel) {
             pairs if pairs > beyond => Outlook::AtLeast(pairs),
+            _ if are_surely_more((n, first), &get, beyond as f64 / of_all, cancel) => Outlook::AtLeast(beyond + 1),
             _ => Outlook::Expected(expected),
         }
     })
+}
+
+/// Whether more than this share of all pairs overlap, as a large sample shows.
+fn are_surely_more<T: Body>(
+    (n, first): (usize, Option<usize>),
+    get: &impl Fn(usize) -> Option<T>,
+    share: f64,
+    cancel: &Cancel,
+) -> bool {
+    let sampled = |from: usize, n: usize, count: usize| -> Vec<T> {
+        let indices = sample_indices(count.min(n), n);
+        indices.filter_map(|index| get(from + index)).filter(|this| holds_points(&this.inner())).collect()
+    };
+    let (all, others) = match first {
+        None => (sampled(0, n, T::SAMPLED), Vec::new()),
+        Some(first) => (
+            sampled(0, first, T::SAMPLED / 2),
+            sampled(first, n - first, T::SAMPLED / 2),
+        ),
+    };
+    let mut met = 0u64;
+    for (i, one) in all.iter().enumerate() {
+        if i % 64 == 0 && cancel.look() {
+            return false;
+        }
+        let others = if first.is_none() { &all[..i] } else { &others };
+        met += others.iter().map(|other| u64::from(one.meets(other))).sum::<u64>();
+    }
+    // Of as many pairs as were drawn, those of boxes without a point too. Half of the boxes are pairs of their own.
+    let count = |n: usize, most: usize| n.min(most) as f64;
+    let (drawn, apart) = if let Some(first) = first {
+        let [a, b] = [first, n - first].map(|n| count(n, T::SAMPLED / 2));
+        (a * b, a.min(b))
+    } else {
+        let all = count(n, T::SAMPLED);
+        (all * (all - 1.0) / 2.0, (all / 2.0).floor())
+    };
+    exceeds(met as f64 / drawn, share, apart)
+}
+
+/// Whether a mean of so many independent draws at the least shows that a share is larger, by far more than by chance.
+fn exceeds(mean: f64, share: f64, draws: f64) -> bool {
+    if mean <= share || share <= 0.0 {
+        return false;
+    }
+    let part = |p: f64, q: f64| if p > 0.0 { p * (p / q).ln() } else { 0.0 };
+    draws * (part(mean, share) + part(1.0 - mean, 1.0 - share)) > NO_CHANCE
 }
 
 fn holds_points(b: &Aabb) -> bool {
@@ -184,6 +259,32 @@ mod tests {
         }
         let nothing = vec![Aabb::EMPTY; n];
         assert_eq!(of(&nothing, None, 0), Outlook::Expected(0.0));
+    }
+
+    #[test]
+    fn a_heap_without_crowds_is_sampled() {
+        // Plates, rods and their like of three directions: each meets most others, and no point is in many.
+        let mut random = crate::random::Random(11);
+        let mut at = || random.below(1 << 20) as f32;
+        let boxes: Vec<Aabb> = (0..30_000)
+            .map(|i| {
+                let (mut min, mut max) = ([0.0; 3], [1e6; 3]);
+                min[i % 3] = at();
+                max[i % 3] = min[i % 3];
+                Aabb::new(min, max)
+            })
+            .collect();
+        let pairs = 3 * 10_000u64 * 10_000;
+        assert!(matches!(of(&boxes, None, pairs / 3), Outlook::AtLeast(_)));
+        assert!(matches!(of(&boxes, None, pairs * 21 / 20), Outlook::Expected(_)));
+        assert!(matches!(of(&boxes, Some(15_000), pairs / 6), Outlook::AtLeast(_)));
+    }
+
+    #[test]
+    fn chance_decides_nothing() {
+        assert!(exceeds(0.06, 0.006, 1_024.0) && !exceeds(0.06, 0.05, 1_024.0));
+        assert!(!exceeds(0.06, 0.06, 1e12) && !exceeds(0.05, 0.06, 1e12));
+        assert!(exceeds(1.0, 0.5, 100.0) && !exceeds(1.0, 0.5, 10.0));
     }
 
     #[test]
