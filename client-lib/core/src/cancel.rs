@@ -42,6 +42,11 @@ impl Cancel {
         Self { asker, is_cancelled: AtomicBool::new(false) }
     }
 
+    /// Who is asked, for a part of the work that is to be cancelled by itself.
+    pub fn asker(&self) -> Option<Arc<dyn Wanted>> {
+        self.asker.clone()
+    }
+
     /// Whether it was cancelled, as a look has found.
     #[inline]
     pub fn is_cancelled(&self) -> bool {

@@ -2,6 +2,9 @@
 
 use std::fmt;
 
+use crate::engine::word_budget::WordBudget;
+use crate::engine::{CullError, ReplyBuffer};
+use crate::mask::Encoding;
 use crate::precision::{BoxForm, BoxSlice};
 use crate::sphere::{SPHERE_BYTES, Sphere};
 use crate::units::BoxCount;
@@ -104,6 +107,20 @@ impl<'a> Objects<'a> {
             Self::Boxes(boxes) => boxes.len(),
             Self::Spheres(spheres) => spheres.len(),
         }
+    }
+
+    /// Refuses a mask of all their pairs that is sure to be larger than the reply, before any pair is looked for.
+    ///
+    /// # Errors
+    /// [`ReserveError::TooLarge`](crate::engine::ReserveError::TooLarge); [`CullError::Cancelled`].
+    pub fn check_room(&self, encoding: Encoding, reply: &dyn ReplyBuffer) -> Result<(), CullError> {
+        let Some(n) = BoxCount::of_len(self.len()) else { return Ok(()) };
+        let budget = WordBudget::new(n, encoding, false, reply)?;
+        match self {
+            Self::Boxes(boxes) => budget.look_at(|index| boxes.get(index), None)?,
+            Self::Spheres(spheres) => budget.look_at(|index| spheres.get(index).copied(), None)?,
+        };
+        Ok(())
     }
 
     /// Their bytes.

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use pairmask_core::cancel::Wanted;
 use pairmask_wire::board::{Entry, PLACES, Placed};
 use pairmask_wire::{Page, RequestHeader, ResponseHeader};
 
@@ -43,6 +44,22 @@ struct Place {
     answer: Option<Chunk>,
 }
 
+/// Whether the client waits for the answer to the last request of a place.
+#[derive(Debug)]
+struct Awaited {
+    theirs: Arc<TheirBoard>,
+    is_gone: Arc<AtomicBool>,
+    place: usize,
+    number: AtomicU64,
+}
+
+impl Wanted for Awaited {
+    fn is_wanted(&self) -> bool {
+        let is_let_go = self.theirs.released(self.place) == self.number.load(Ordering::Relaxed);
+        !is_let_go && !self.is_gone.load(Ordering::Acquire)
+    }
+}
+
 /// A connected client.
 #[derive(Debug)]
 pub struct Peer {
@@ -50,14 +67,16 @@ pub struct Peer {
     socket: OwnedFd,
     bell: Bell,
     own: OwnBoard,
-    theirs: TheirBoard,
+    theirs: Arc<TheirBoard>,
     segments: Mutex<Vec<Arc<Segment>>>,
     /// By the size of their pieces. A number in this list is the segment's on the wire.
     pools: Mutex<Vec<Pool>>,
     places: Mutex<[Place; PLACES]>,
     /// Number of the request that is taken next: they are taken in the order in which they were sent.
     next: AtomicU64,
-    is_gone: AtomicBool,
+    is_gone: Arc<AtomicBool>,
+    /// For who works on a request: one a place, so that none is made for each request.
+    awaited: [Arc<Awaited>; PLACES],
     /// With which files of its memory begin, until they have no name.
     prefix: String,
 }
@@ -77,6 +96,7 @@ impl Peer {
         let system = |e: std::io::Error| TransportError::new("letting a client in", &e);
         let segment = Arc::new(Segment::map(segment).map_err(system)?);
         let theirs = TheirBoard::at(Arc::clone(&segment), board).ok_or(OpenError::Incompatible)?;
+        let (theirs, is_gone) = (Arc::new(theirs), Arc::new(AtomicBool::new(false)));
         let pool = Pool::new(prefix, SMALLEST_PAGES, PLACES + 1)?;
         let own = OwnBoard::new(&pool).map_err(|_| OpenError::OutOfMemory)?;
         // Nobody looks at its board yet.
@@ -94,7 +114,11 @@ impl Peer {
             pools: Mutex::new(vec![pool]),
             places: Mutex::default(),
             next: AtomicU64::new(1),
-            is_gone: AtomicBool::new(false),
+            awaited: std::array::from_fn(|place| {
+                let (theirs, is_gone) = (Arc::clone(&theirs), Arc::clone(&is_gone));
+                Arc::new(Awaited { theirs, is_gone, place, number: AtomicU64::new(0) })
+            }),
+            is_gone,
             prefix: prefix.to_owned(),
         }))
     }
@@ -165,6 +189,7 @@ impl Peer {
                 return;
             }
             let number = self.next.fetch_add(1, Ordering::Relaxed);
+            self.awaited[place].number.store(number, Ordering::Relaxed);
             if let Some(request) = self.take(place, number) {
                 each(request);
             }
@@ -193,11 +218,6 @@ impl Peer {
         drop(segments);
         let peer = Arc::clone(self);
         Some(CheckedRequest { peer, place, number, header, segment, placed })
-    }
-
-    /// Whether the client waits for the answer to a request.
-    fn is_wanted(&self, place: usize, number: u64) -> bool {
-        !self.is_gone() && self.theirs.released(place) != number
     }
 
     /// Memory for an answer, of a pool whose pieces are large enough.
@@ -295,9 +315,14 @@ impl CheckedRequest {
         self.segment.id()
     }
 
-    /// Whether its client still waits for an answer. Two reads of memory: ask as often as you like.
+    /// Whether its client still waits for an answer. Some reads of memory: ask as often as you like.
     pub fn is_wanted(&self) -> bool {
-        self.peer.is_wanted(self.place, self.number)
+        self.peer.awaited[self.place].is_wanted()
+    }
+
+    /// What says so to those who work on it.
+    pub fn wanted(&self) -> Arc<dyn Wanted> {
+        Arc::<Awaited>::clone(&self.peer.awaited[self.place])
     }
 
     /// Memory for an answer.

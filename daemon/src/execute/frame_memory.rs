@@ -5,6 +5,9 @@
 //! writing to memory that has another owner by then.
 #![allow(unsafe_code)]
 
+use std::sync::Arc;
+
+use pairmask_core::cancel::Wanted;
 use pairmask_core::engine::{ReplyBuffer, ReserveError};
 use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
@@ -73,6 +76,10 @@ impl ReplyBuffer for NotedReply<'_> {
         let memory = self.inner.reserve(words)?;
         *self.lent = LentReply { start: memory.as_ptr() as usize, bytes: size_of_val(memory) };
         Ok(memory)
+    }
+
+    fn asker(&self) -> Option<Arc<dyn Wanted>> {
+        self.inner.asker()
     }
 }
 

@@ -5,6 +5,7 @@ use std::num::NonZeroU64;
 use std::sync::Arc;
 use std::time::Instant;
 
+use pairmask_core::cancel::Wanted;
 use pairmask_core::dispatch::{
     CullAnswer, CullOptions, FilteredAnswer, Marks, WorldRange, nanoseconds_since,
 };
@@ -208,5 +209,9 @@ impl ReplyBuffer for RoomBehind<'_> {
 
     fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError> {
         self.reply.reserve(words.saturating_add(self.words))
+    }
+
+    fn asker(&self) -> Option<Arc<dyn Wanted>> {
+        self.reply.asker()
     }
 }

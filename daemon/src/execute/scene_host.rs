@@ -8,6 +8,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use pairmask_core::cancel::Wanted;
 use pairmask_core::cast::Hit;
 use pairmask_core::dispatch::{CpuEngines, nanoseconds_since};
 use pairmask_core::engine::CullError;
@@ -165,6 +166,11 @@ impl SceneHost {
     pub fn limit_query_pairs(&mut self, most: u64) {
         self.most_query_pairs = most;
         on_side!(&mut self.side, scene => scene.limit_query_pairs(most));
+    }
+
+    /// As [`Scene::set_asker`].
+    pub fn set_asker(&mut self, asker: Option<Arc<dyn Wanted>>) {
+        on_side!(&mut self.side, scene => scene.set_asker(asker));
     }
 
     /// Notes an edit, a query or a cast that the cores have answered: of so many boxes that a GPU would have looked at, and

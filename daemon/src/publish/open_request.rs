@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use pairmask_core::BoxCount;
+use pairmask_core::cancel::Wanted;
 use pairmask_core::dispatch::{CullAnswer, CullOptions, WorldRange};
 use pairmask_core::engine::{ReplyBuffer, ReserveError};
 use pairmask_core::mask::{MaskShape, Span};
@@ -70,6 +71,15 @@ impl OpenRequest {
             rules: None,
             world_ranges: None,
         }
+    }
+
+    /// Says whether its client still waits for the answer. Nobody keeps it longer than the work lasts.
+    pub(crate) fn asker(&self) -> Arc<dyn Wanted> {
+        self.request().wanted()
+    }
+
+    pub(crate) fn is_wanted(&self) -> bool {
+        self.request().is_wanted()
     }
 
     pub(crate) fn parse(&self) -> Result<Request, Reject> {
@@ -218,5 +228,9 @@ impl ReplyBuffer for LoanReply<'_> {
         *self.loan = None;
         let loan = self.request.lend(pages).map_err(|_| out_of_memory)?;
         Ok(words_in_mut(self.loan.insert(loan).pages_mut()))
+    }
+
+    fn asker(&self) -> Option<Arc<dyn Wanted>> {
+        Some(self.request.wanted())
     }
 }

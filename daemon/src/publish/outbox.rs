@@ -153,8 +153,13 @@ impl Outbox {
         locked(&self.counters).note_frame(fields, ObjectForm::Boxes(BoxForm::F32), hits);
     }
 
+    /// Answers with an error, and counts it, where somebody waits for the answer.
     pub(crate) fn refuse(&self, open: &mut OpenRequest, refusal: &Refusal) {
         let fields = open.fields;
+        if !open.is_wanted() {
+            log::debug!("client {:016x} waits no more: {}", fields.client_token, refusal.text);
+            return;
+        }
         log::debug!("client {:016x}: {}", fields.client_token, refusal.text);
         locked(&self.counters).note_error(&fields, refusal.status);
         open.send(&response_error(&fields, refusal.status, refusal.detail));

@@ -143,6 +143,9 @@ impl Responder {
         threads: usize,
     ) -> Result<(OpenRequest, CullRequest), Served> {
         let mut open = OpenRequest::new(incoming, self.limit_bytes);
+        if !open.is_wanted() {
+            return Err(Served::OTHER);
+        }
         match open.parse() {
             Ok(Request::Cull(request)) => return Ok((open, request)),
             Ok(Request::EditScene(request)) => {

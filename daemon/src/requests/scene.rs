@@ -103,7 +103,9 @@ impl SceneEdits {
     ) -> Served {
         let mut gpu = GpuNeed::None;
         let done = found.and_then(|mut kept| {
+            kept.scene.set_asker(Some(open.asker()));
             let done = work(&mut kept, &mut open);
+            kept.scene.set_asker(None);
             if kept.scene.engine().is_gpu() {
                 gpu = GpuNeed::Alone;
             }

@@ -8,26 +8,31 @@ use super::search::{Place, Search};
 use super::tree::BoxTree;
 use super::{HIT_BYTES, Hit, Hits, Ray};
 use crate::aabb::Aabb;
+use crate::cancel::{Cancel, Pace};
 use crate::engine::{AvailableIsa, CullError, ReserveError};
 use crate::sphere::Sphere;
 use crate::team::{self, for_each_in_parts, part_count};
 
 /// Questions of a task, at least: some 100 µs.
 const TASK_QUERIES: usize = 64;
+/// What a question takes beside the boxes that are looked at, in tests of boxes.
+const LEAST_TESTS: u64 = 512;
 /// Hits that a task finds before it tells the others, which wait for each other there; beyond those that may be, each has
 /// memory for as many.
 const COUNTED_TOGETHER: usize = 1_024;
 
 /// What bounds a cast, beside the boxes.
 #[derive(Clone, Copy, Debug)]
-pub struct Limits {
+pub struct Limits<'a> {
     /// Most hits of all questions together.
     pub most_hits: u64,
     /// Threads at most, of the pool of the caller.
     pub threads: usize,
+    /// Whether the hits are still wanted.
+    pub cancel: &'a Cancel,
 }
 
-impl Limits {
+impl Limits<'_> {
     /// The error where there are more hits than may be.
     pub fn exceeded(&self) -> CullError {
         let bytes = |hits: u64| hits.saturating_mul(HIT_BYTES as u64);
@@ -93,12 +98,13 @@ impl Among<'_> {
     ///
     /// ```
     /// use pairmask_core::Aabb;
+    /// use pairmask_core::cancel::Cancel;
     /// use pairmask_core::cast::{Among, BoxTree, Hits, Limits, Ray, Shapes};
     ///
     /// let boxes = [3.0, 1.0, 2.0].map(|x| Aabb::new([x, -1.0, -1.0], [x + 0.5, 1.0, 1.0]));
     /// let tree = BoxTree::of(&boxes, 1);
     /// let along_x = Ray::new([0.0; 3], [1.0, 0.0, 0.0]);
-    /// let limits = Limits { most_hits: 1_000, threads: 1 };
+    /// let limits = Limits { most_hits: 1_000, threads: 1, cancel: &Cancel::NEVER };
     /// let mut found = Vec::new();
     /// Among::Tree(&tree).cast(Shapes::Rays(&[along_x]), Hits::Closest(2), &|_, _| true, limits, &mut found)?;
     /// let found: Vec<_> = found.iter().map(|hit| (hit.index, hit.distance)).collect();
@@ -107,13 +113,14 @@ impl Among<'_> {
     /// ```
     ///
     /// # Errors
-    /// [`CullError::Reserve`] where there are more hits than may be, or there is no memory for them.
+    /// [`CullError::Reserve`] where there are more hits than may be, or there is no memory for them;
+    /// [`CullError::Cancelled`].
     pub fn cast(
         self,
         shapes: Shapes<'_>,
         hits: Hits,
         admits: &(impl Fn(u32, u32) -> bool + Sync),
-        limits: Limits,
+        limits: Limits<'_>,
         found: &mut Vec<Hit>,
     ) -> Result<u64, CullError> {
         match shapes {
@@ -198,7 +205,7 @@ fn find<Q: Question>(
     questions: &[Q],
     hits: Hits,
     admits: &(impl Fn(u32, u32) -> bool + Sync),
-    limits: Limits,
+    limits: Limits<'_>,
     found: &mut Vec<Hit>,
 ) -> Result<u64, CullError> {
     found.clear();
@@ -228,7 +235,7 @@ fn find<Q: Question>(
         let room = usize::try_from(limits.most_hits).unwrap_or(usize::MAX).saturating_add(1);
         let (mut kept, mut candidates) = (Vec::new(), Vec::new());
         // Not the task's, whose neighbours lie in the same lines of the caches.
-        let (mut all, mut looked_at, mut counted) = (Vec::new(), 0, 0);
+        let (mut all, mut looked_at, mut counted, mut pace) = (Vec::new(), 0, 0, Pace::default());
         for (query, question) in (task.first..).zip(task.questions) {
             // A copy: another process may write questions while they are read.
             let question = *question;
@@ -248,6 +255,7 @@ fn find<Q: Question>(
             search.found.clear();
             question.ask(&mut search, &|at| admits(query, index_of(at)));
             looked_at += search.looked_at;
+            let tests = LEAST_TESTS + search.looked_at;
             kept = search.found;
             if all.try_reserve(kept.len()).is_err() {
                 task.is_out_of_memory = true;
@@ -258,6 +266,9 @@ fn find<Q: Question>(
                 index: index_of(hit.index),
                 distance: hit.reported,
             }));
+            if limits.cancel.look_after(tests, &mut pace) {
+                return;
+            }
             if all.len() - counted >= COUNTED_TOGETHER {
                 // Relaxed: a number that ends a search, and that nothing is read by.
                 count.fetch_add((all.len() - counted) as u64, atomic::Ordering::Relaxed);
@@ -270,6 +281,9 @@ fn find<Q: Question>(
         count.fetch_add((all.len() - counted) as u64, atomic::Ordering::Relaxed);
         (task.found, task.looked_at) = (all, looked_at);
     });
+    if limits.cancel.is_cancelled() {
+        return Err(CullError::Cancelled);
+    }
     if is_full() {
         return Err(limits.exceeded());
     }

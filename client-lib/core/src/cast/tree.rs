@@ -4,6 +4,7 @@
 use super::hittable;
 use super::node::{FAN_OUT, Leaf, NOTHING, Node};
 use crate::aabb::Aabb;
+use crate::cancel::Cancel;
 use crate::engine::{AvailableIsa, order_by_tree};
 use crate::floats;
 use crate::huge_pages;
@@ -47,21 +48,31 @@ fn reach_of(b: &Aabb) -> f32 {
 /// Indices of all boxes in an order in which any 16 that follow one another lie near each other: that of a [`BoxTree`].
 pub fn near_order(boxes: &[Aabb], threads: usize) -> Vec<u32> {
     let _team = team::enter(threads);
-    let entries = order_by_tree(boxes, threads, AvailableIsa::best());
+    let entries = order_by_tree(boxes, threads, AvailableIsa::best(), &Cancel::NEVER);
     entries.as_slice().iter().map(|entry| entry.index).collect()
 }
 
 impl BoxTree {
     /// A tree of boxes: index i is box i.
     pub fn of(boxes: &[Aabb], threads: usize) -> Self {
-        let _team = team::enter(threads);
         let mut tree = Self::default();
-        tree.build(boxes, threads);
+        tree.build(boxes, threads, &Cancel::NEVER);
         tree
     }
 
-    fn build(&mut self, boxes: &[Aabb], threads: usize) {
-        let entries = order_by_tree(boxes, threads, AvailableIsa::best());
+    /// The same, unless cancelled.
+    pub(crate) fn unless(cancel: &Cancel, boxes: &[Aabb], threads: usize) -> Option<Self> {
+        let mut tree = Self::default();
+        tree.build(boxes, threads, cancel).then_some(tree)
+    }
+
+    /// Places all boxes. Whether it was not cancelled, which leaves the tree as it was.
+    fn build(&mut self, boxes: &[Aabb], threads: usize, cancel: &Cancel) -> bool {
+        let _team = team::enter(threads);
+        let entries = order_by_tree(boxes, threads, AvailableIsa::best(), cancel);
+        if cancel.is_cancelled() {
+            return false;
+        }
         let entries = entries.as_slice();
         let leaves = entries.len().div_ceil(FAN_OUT).max(1);
         if leaves > self.leaves.capacity() {
@@ -100,6 +111,7 @@ impl BoxTree {
             self.bound_all();
             self.reach = reach_of(&self.bounds());
         });
+        true
     }
 
     /// Indices that it has a place for.
@@ -138,7 +150,7 @@ impl BoxTree {
             _ => self.put_all(boxes, threads),
         }
         if self.loose * LOOSE_SHARE > self.leaves.len() {
-            self.build(boxes, threads);
+            self.build(boxes, threads, &Cancel::NEVER);
         }
     }
 

@@ -132,7 +132,8 @@ impl<A: Arrangement> Engine for Ordered<A> {
         clock.executed();
 
         let is_shared = threads > 1;
-        let gather = &Gather { budget: &budget, rules: input.rules, order, isa: self.isa, keeps: true };
+        let gather =
+            &Gather { budget: &budget, rules: input.rules, order, isa: self.isa, keeps: true };
         let (shape, pairs) = publish(&mut self.tasks, gather, input.encoding, is_shared, reply)?;
         let compared = self.tasks.iter().map(|task| task.compared).sum();
         let report = CullReport::new(n, shape, census, pairs, compared, clock.published());

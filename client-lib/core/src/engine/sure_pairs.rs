@@ -57,7 +57,8 @@ impl Body for Aabb {
 
     #[inline(always)]
     fn meets(&self, other: &Self) -> bool {
-        let apart = |axis: usize| self.min[axis] > other.max[axis] || other.min[axis] > self.max[axis];
+        let apart =
+            |axis: usize| self.min[axis] > other.max[axis] || other.min[axis] > self.max[axis];
         !(0..3).any(apart)
     }
 
@@ -105,13 +106,15 @@ pub(crate) fn outlook<T: Body>(
         let sample: Vec<Aabb> = sample_indices(SAMPLED.min(n), n)
             .filter_map(|index| get(index).map(|this| this.inner()).filter(holds_points))
             .collect();
-        let met: usize =
-            (1..sample.len()).map(|i| sample[..i].iter().filter(|b| b.overlaps(&sample[i])).count()).sum();
+        let met: usize = (1..sample.len())
+            .map(|i| sample[..i].iter().filter(|b| b.overlaps(&sample[i])).count())
+            .sum();
         if (met as u64) < SAMPLED_PAIRS {
             return Outlook::Expected(0.0);
         }
         let sampled = SAMPLED as f64 * (SAMPLED - 1) as f64 / 2.0;
-        let of_all = first.map_or(n as f64 * n as f64 / 2.0, |first| first as f64 * (n - first) as f64);
+        let of_all =
+            first.map_or(n as f64 * n as f64 / 2.0, |first| first as f64 * (n - first) as f64);
         let expected = met as f64 / sampled * of_all;
         if expected * EXPECTED_SHARE < beyond as f64 {
             return Outlook::Expected(expected);
@@ -119,7 +122,9 @@ pub(crate) fn outlook<T: Body>(
         let lattice = [0, 1, 2].map(|axis| coordinates(&sample, axis));
         match count((n, first), &get, &lattice, beyond, cancel) {
             pairs if pairs > beyond => Outlook::AtLeast(pairs),
-            _ if are_surely_more((n, first), &get, beyond as f64 / of_all, cancel) => Outlook::AtLeast(beyond + 1),
+            _ if are_surely_more((n, first), &get, beyond as f64 / of_all, cancel) => {
+                Outlook::AtLeast(beyond + 1)
+            }
             _ => Outlook::Expected(expected),
         }
     })
@@ -134,14 +139,16 @@ fn are_surely_more<T: Body>(
 ) -> bool {
     let sampled = |from: usize, n: usize, count: usize| -> Vec<T> {
         let indices = sample_indices(count.min(n), n);
-        indices.filter_map(|index| get(from + index)).filter(|this| holds_points(&this.inner())).collect()
+        indices
+            .filter_map(|index| get(from + index))
+            .filter(|this| holds_points(&this.inner()))
+            .collect()
     };
     let (all, others) = match first {
         None => (sampled(0, n, T::SAMPLED), Vec::new()),
-        Some(first) => (
-            sampled(0, first, T::SAMPLED / 2),
-            sampled(first, n - first, T::SAMPLED / 2),
-        ),
+        Some(first) => {
+            (sampled(0, first, T::SAMPLED / 2), sampled(first, n - first, T::SAMPLED / 2))
+        }
     };
     let mut met = 0u64;
     for (i, one) in all.iter().enumerate() {
@@ -216,7 +223,8 @@ fn count<T: Body>(
             let slots = [0, 1, 2].map(|axis: usize| {
                 lattice[axis].iter().map(|at| usize::from(*at < inner.min[axis])).sum::<usize>()
             });
-            let [Some(&x), Some(&y), Some(&z)] = [0, 1, 2].map(|axis: usize| lattice[axis].get(slots[axis]))
+            let [Some(&x), Some(&y), Some(&z)] =
+                [0, 1, 2].map(|axis: usize| lattice[axis].get(slots[axis]))
             else {
                 continue;
             };
@@ -252,7 +260,10 @@ mod tests {
         for same in [unit, infinite, Aabb::point([-0.0; 3])] {
             let boxes = vec![same; n];
             assert!(matches!(of(&boxes, None, all - 1), Outlook::AtLeast(pairs) if pairs == all));
-            assert!(matches!(of(&boxes, None, all), Outlook::Expected(_)), "no more than there are");
+            assert!(
+                matches!(of(&boxes, None, all), Outlook::Expected(_)),
+                "no more than there are"
+            );
             let beyond = 100 * 9_900 - 1;
             assert!(matches!(of(&boxes, Some(100), beyond), Outlook::AtLeast(_)));
             assert!(matches!(of(&boxes, Some(100), beyond + 1), Outlook::Expected(_)));

@@ -6,6 +6,8 @@
 //!
 //! A pair of two changed boxes is found from both, and reported from the one with the smaller index.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use super::cells::{
     BATCH, BATCHES, CHANGED, Candidate, Cells, INDEX, Looked, Probe, STATIC, in_stages, is_valid,
 };
@@ -15,6 +17,7 @@ use super::pair_list::{Difference, Pair, pair, starts_of};
 use super::states;
 use super::store::{BoxState, Store};
 use crate::aabb::Aabb;
+use crate::cancel::{Cancel, Pace};
 use crate::floats;
 use crate::team::{for_each_in_parts, part_count, zip_in_parts};
 use crate::test_budget::{TestBudget, TestLot};
@@ -30,6 +33,25 @@ const SORTED_SHARE: usize = 128;
 /// cull of all boxes takes. A search of boxes that cells part tests 30 to 100.
 const TESTS_A_SEARCH: i64 = 256;
 const TESTS_A_BOX: i64 = 64;
+
+/// Changes that a task finds before it tells the others.
+const COUNTED_TOGETHER: usize = 1_024;
+
+/// How much a search may test and find, by all threads together, and whether anybody waits for it.
+struct Bound<'a> {
+    tests: TestBudget,
+    found: AtomicU64,
+    most: u64,
+    cancel: &'a Cancel,
+}
+
+impl Bound<'_> {
+    fn is_spent(&self) -> bool {
+        self.tests.is_spent()
+            || self.found.load(Ordering::Relaxed) > self.most
+            || self.cancel.is_cancelled()
+    }
+}
 
 /// Searches for changes, and their memory.
 #[derive(Debug, Default)]
@@ -87,12 +109,13 @@ impl Changes {
     }
 
     /// What differs from then to now, in no order, some of it twice; and how many boxes were tested. `None` where
-    /// these would be more than [`most_tests`].
+    /// these would be more than [`most_tests`], what differs more than so many pairs, or nobody waits for them.
     pub fn find(
         &mut self,
         cells: &Cells,
         store: &Store,
         threads: usize,
+        (most, cancel): (u64, &Cancel),
     ) -> Option<(Difference, u64)> {
         let Self { centres, order, tasks } = self;
         let changed = store.changed();
@@ -119,9 +142,15 @@ impl Changes {
             task.boxes = border(part)..border(part + 1);
         }
         let (centres, order) = (centres.as_slice(), order.as_slice());
-        let left = &TestBudget::new(most_tests(store, count));
-        for_each_in_parts(tasks, parts, |task| task.run(centres, order, cells, store, left));
-        if left.is_spent() {
+        let bound = &Bound {
+            tests: TestBudget::new(most_tests(store, count)),
+            found: AtomicU64::new(0),
+            most,
+            cancel,
+        };
+        for_each_in_parts(tasks, parts, |task| task.run(centres, order, cells, store, bound));
+        if bound.is_spent() {
+            tasks.iter_mut().for_each(|task| task.found = Difference::default());
             return None;
         }
         let mut all = Difference::default();
@@ -222,7 +251,7 @@ impl Search {
         order: &[u32],
         cells: &Cells,
         store: &Store,
-        left: &TestBudget,
+        bound: &Bound<'_>,
     ) {
         let Self { boxes, tested, found, batches } = self;
         *tested = 0;
@@ -235,7 +264,7 @@ impl Search {
             let slots = start..(start + BATCH).min(boxes.end);
             slots.map(|slot| order.get(slot).map_or(slot, |centre| *centre as usize))
         };
-        let mut lot = TestLot::default();
+        let (mut lot, mut pace, mut counted) = (TestLot::default(), Pace::default(), 0);
         in_stages(batches, count, |stage, number, batch| {
             match stage {
                 0 => {
@@ -245,13 +274,20 @@ impl Search {
                 1 => {
                     let searches = &mut batch.looked.searches;
                     cells.go_on(searches);
-                    lot.take(searches.tested() as i64, left);
-                    return !left.is_spent();
+                    lot.take(searches.tested() as i64, &bound.tests);
+                    bound.cancel.look_after(searches.tested(), &mut pace);
+                    return !bound.is_spent();
                 }
                 2 => *tested += batch.finish(cells, store),
                 _ => {
                     for ((centre, seen), candidate) in batch.found() {
                         centre.report_changes(*seen, candidate, store, found);
+                    }
+                    let all = found.begun.len() + found.ended.len();
+                    if all - counted >= COUNTED_TOGETHER {
+                        // Relaxed: a number that ends a search, and that nothing is read by.
+                        bound.found.fetch_add((all - counted) as u64, Ordering::Relaxed);
+                        counted = all;
                     }
                 }
             }
@@ -294,16 +330,23 @@ impl Around {
 
 /// Adds the pairs of now of some boxes, in no order, some of them twice. Of two boxes that the last edit
 /// named, the one with the smaller index reports. Returns how many boxes were tested; `None` where these would be more
-/// than [`most_tests`].
-pub(super) fn pairs_of_named(cells: &Cells, store: &Store, pairs: &mut Vec<Pair>) -> Option<u64> {
+/// than [`most_tests`], the pairs more than so many, or nobody waits for them.
+pub(super) fn pairs_of_named(
+    cells: &Cells,
+    store: &Store,
+    (most_pairs, cancel): (u64, &Cancel),
+    pairs: &mut Vec<Pair>,
+) -> Option<u64> {
     let mut around = Around::default();
-    let mut tested = 0;
+    let (mut tested, mut pace) = (0, Pace::default());
     let most = most_tests(store, store.named().len()) as u64;
     floats::with_default(|| {
         for some in store.named().chunks(BATCH) {
             around.begin(some.iter().map(|index| Centre::now(*index, store)), cells);
             cells.go_on(&mut around.looked.searches);
-            if tested + around.looked.searches.tested() > most {
+            let here = around.looked.searches.tested();
+            let is_over = tested + here > most || pairs.len() as u64 > most_pairs;
+            if is_over || cancel.look_after(here, &mut pace) {
                 return None;
             }
             tested += around.finish(cells, store);

@@ -89,6 +89,7 @@ use self::store::Store;
 use self::whole::Whole;
 use crate::aabb::Aabb;
 use crate::backoff::Backoff;
+use crate::cancel::{Cancel, Wanted};
 use crate::dispatch::CpuEngines;
 use crate::engine::CullError;
 use crate::team;
@@ -171,6 +172,8 @@ pub struct Scene {
     threads: usize,
     /// What queries need.
     asked: Asked,
+    /// Whether the edit or query under way is to end.
+    cancel: Cancel,
 }
 
 impl std::fmt::Debug for Scene {
@@ -209,6 +212,7 @@ impl Scene {
             tested: 0,
             threads: 1,
             asked: Asked::default(),
+            cancel: Cancel::NEVER,
         }
     }
 
@@ -246,6 +250,12 @@ impl Scene {
     /// set. [`SceneError::Cull`] where there are more.
     pub fn limit_pairs(&mut self, most: u64) {
         self.whole.limit_pairs(most);
+    }
+
+    /// Who says whether the answers of later edits, queries and casts are still wanted; `None` where they are in any case.
+    /// Is kept until another one, or none, is set.
+    pub fn set_asker(&mut self, asker: Option<Arc<dyn Wanted>>) {
+        self.cancel = Cancel::by(asker);
     }
 
     /// All of it, as an edit that makes it where there is no box.
@@ -314,7 +324,8 @@ impl Scene {
     ///
     /// # Errors
     /// [`SceneError::Edit`] for an edit that is wrong: nothing is applied, and the last answer stays.
-    /// [`SceneError::Cull`] where all pairs are needed and cannot be found: the edit is applied.
+    /// [`SceneError::Cull`] where all pairs are needed and cannot be found: the edit is applied. After
+    /// [`CullError::Cancelled`] the scene is to be dropped.
     pub fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<&Reported, SceneError> {
         self.threads = edit_threads(self, edit, report);
         let _team = team::enter(self.threads);
@@ -454,7 +465,12 @@ impl Scene {
     fn report_changes_around(&mut self) -> Result<(), CullError> {
         let threads = self.threads;
         let Some(cells) = &mut self.cells else { return Ok(()) };
-        let Some((found, tested)) = self.changes.find(cells, &self.store, threads) else {
+        let most = 2 * self.whole.most_pairs();
+        let found = self.changes.find(cells, &self.store, threads, (most, &self.cancel));
+        if self.cancel.is_cancelled() {
+            return Err(CullError::Cancelled);
+        }
+        let Some((found, tested)) = found else {
             self.known = Known::Many;
             self.cells = None;
             self.crowded.failed();
@@ -470,16 +486,17 @@ impl Scene {
             Arc::clone(then)
         } else {
             let (mut list, threads) = (std::mem::take(&mut self.spare), self.threads);
-            self.tested += self.whole.pairs_then(&self.store, threads, &mut list)?;
+            self.tested +=
+                self.whole.pairs_then(&self.store, (threads, &self.cancel), &mut list)?;
             Arc::clone(self.list_then.insert(Arc::new(list)))
         };
         let now = self.list_now()?;
         let states = &self.store.states;
         let found = if states.has_lost() {
             let is_another = |pair: Pair| states.has_either(pair, LOST);
-            Difference::between(&then, &now, &is_another, self.threads)
+            Difference::between(&then, &now, &is_another, self.threads, &self.cancel)
         } else {
-            Difference::between(&then, &now, &|_| false, self.threads)
+            Difference::between(&then, &now, &|_| false, self.threads, &self.cancel)
         };
         self.report(found, true)
     }
@@ -488,7 +505,10 @@ impl Scene {
     fn report(&mut self, mut found: Difference, is_sorted: bool) -> Result<(), CullError> {
         if !is_sorted {
             let threads = self.threads;
-            found.sort(self.whole.sorter(), self.store.boxes().len(), threads);
+            found.sort(self.whole.sorter(), self.store.boxes().len(), threads, &self.cancel);
+        }
+        if self.cancel.is_cancelled() {
+            return Err(CullError::Cancelled);
         }
         let Difference { begun, ended } = found;
         let (more, less) = (begun.len() as u64, ended.len() as u64);
@@ -520,14 +540,14 @@ impl Scene {
         if let Some(now) = &self.list_now {
             return Ok(Arc::clone(now));
         }
-        let (store, threads) = (&self.store, self.threads);
+        let (store, threads, cancel) = (&self.store, self.threads, &self.cancel);
         let mut list = std::mem::take(&mut self.spare);
         let states = &store.states;
         self.tested += if states.active_still() > 1 || states.filters.is_used() {
             let requested = |pair: Pair| states.may_meet(pair);
-            self.whole.pairs(store.boxes(), &requested, threads, &mut list)?
+            self.whole.pairs(store.boxes(), &requested, (threads, cancel), &mut list)?
         } else {
-            self.whole.pairs(store.boxes(), &|_| true, threads, &mut list)?
+            self.whole.pairs(store.boxes(), &|_| true, (threads, cancel), &mut list)?
         };
         let now = Arc::new(list);
         self.list_now = Some(Arc::clone(&now));
@@ -539,15 +559,21 @@ impl Scene {
         let is_few = self.store.named().len() * MANY_SHARE <= self.store.states.present();
         let mut pairs = Vec::new();
         let searched = match &self.cells {
-            Some(cells) if is_few => history::pairs_of_named(cells, &self.store, &mut pairs),
+            Some(cells) if is_few => {
+                let most = self.whole.most_pairs();
+                history::pairs_of_named(cells, &self.store, (most, &self.cancel), &mut pairs)
+            }
             _ => None,
         };
+        if self.cancel.is_cancelled() {
+            return Err(CullError::Cancelled);
+        }
         if let (Some(cells), Some(tested)) = (&mut self.cells, searched) {
             let store = &self.store;
             cells.note_searches(store.named().len() as u64, tested);
             self.tested += tested;
             let (box_count, threads) = (store.boxes().len(), self.threads);
-            self.whole.sorter().sort(&mut pairs, box_count as u32, threads);
+            self.whole.sorter().sort(&mut pairs, box_count as u32, threads, &self.cancel);
             pairs.dedup();
         } else if !self.store.named().is_empty() {
             let now = self.list_now()?;

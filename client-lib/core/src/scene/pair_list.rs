@@ -3,6 +3,7 @@
 //! Large lists are dealt into buckets of rows, task by task, and each bucket is sorted by counting:
 //! two passes over memory, regardless of the number of pairs.
 
+use crate::cancel::{Cancel, Pace};
 use crate::engine::RecentNeed;
 use crate::team::{self, for_each_in_parts, in_parts, part_count};
 
@@ -42,6 +43,10 @@ const BUCKET_PAIRS: usize = 4;
 /// take as long as there are rows.
 const SPARSE_ROWS: usize = 4;
 const TASK_PAIRS: usize = 16_384;
+/// Pairs that are dealt between two looks whether anybody waits for them: some 100 µs.
+const DEALT_AT_ONCE: usize = 1 << 15;
+/// A pair that is compared with one of another list, in tests of boxes.
+const PAIR_TESTS: u64 = 8;
 /// Pairs of a row from which it is not sorted by insertion.
 const LONG_ROW: usize = 24;
 
@@ -78,23 +83,24 @@ impl Sorter {
         self.dealt = Vec::new();
     }
 
-    /// Sorts pairs whose first indices are below `n`.
-    pub fn sort(&mut self, pairs: &mut Vec<Pair>, n: u32, threads: usize) {
+    /// Sorts pairs whose first indices are below `n`, unless cancelled: then some are lost.
+    pub fn sort(&mut self, pairs: &mut Vec<Pair>, n: u32, threads: usize, cancel: &Cancel) {
         if pairs.len() <= FEW_PAIRS {
             pairs.sort_unstable_by_key(|pair| key(*pair));
             return;
         }
         let source = std::mem::take(pairs);
-        self.sorted_from(&source, &|_| true, n, threads, pairs);
+        self.sorted_from(&source, &|_| true, n, threads, cancel, pairs);
     }
 
-    /// Those of `source` that are needed, in order. First indices of those are below `n`.
+    /// Those of `source` that are needed, in order, unless cancelled. First indices of those are below `n`.
     pub fn sorted_from(
         &mut self,
         source: &[Pair],
         requested: &(impl Fn(Pair) -> bool + Sync),
         n: u32,
         threads: usize,
+        cancel: &Cancel,
         sorted: &mut Vec<Pair>,
     ) {
         sorted.clear();
@@ -119,7 +125,10 @@ impl Sorter {
             .zip(outs)
             .map(|(pairs, dealt)| Deal { pairs, dealt, ends: vec![0; buckets] })
             .collect();
-        for_each_in_parts(&mut deals, parts, |deal| deal.run(shift, requested));
+        for_each_in_parts(&mut deals, parts, |deal| deal.run(shift, requested, cancel));
+        if cancel.is_cancelled() {
+            return;
+        }
 
         let deals = deals.as_slice();
         let total: usize = deals.iter().map(|deal| deal.ends[buckets - 1] as usize).sum();
@@ -137,6 +146,9 @@ impl Sorter {
         let gather = |gathers: &mut [Gather<'_>]| {
             let mut starts = Vec::new();
             for gather in gathers {
+                if cancel.look() {
+                    return;
+                }
                 gather.run(deals, shift, &mut starts);
             }
         };
@@ -146,15 +158,25 @@ impl Sorter {
 }
 
 impl Deal<'_> {
-    fn run(&mut self, shift: u32, requested: &impl Fn(Pair) -> bool) {
-        for pair in self.pairs.iter().filter(|pair| requested(**pair)) {
-            self.ends[(pair[0] >> shift) as usize] += 1;
+    fn run(&mut self, shift: u32, requested: &impl Fn(Pair) -> bool, cancel: &Cancel) {
+        for some in self.pairs.chunks(DEALT_AT_ONCE) {
+            if self.pairs.len() > DEALT_AT_ONCE && cancel.look() {
+                return;
+            }
+            for pair in some.iter().filter(|pair| requested(**pair)) {
+                self.ends[(pair[0] >> shift) as usize] += 1;
+            }
         }
         starts_of(&mut self.ends);
-        for pair in self.pairs.iter().filter(|pair| requested(**pair)) {
-            let next = &mut self.ends[(pair[0] >> shift) as usize];
-            self.dealt[*next as usize] = *pair;
-            *next += 1;
+        for some in self.pairs.chunks(DEALT_AT_ONCE) {
+            if self.pairs.len() > DEALT_AT_ONCE && cancel.look() {
+                return;
+            }
+            for pair in some.iter().filter(|pair| requested(**pair)) {
+                let next = &mut self.ends[(pair[0] >> shift) as usize];
+                self.dealt[*next as usize] = *pair;
+                *next += 1;
+            }
         }
     }
 
@@ -257,9 +279,9 @@ impl Difference {
     }
 
     /// Sorts the pairs of `n` boxes and takes out those that are there twice.
-    pub fn sort(&mut self, sorter: &mut Sorter, n: usize, threads: usize) {
+    pub fn sort(&mut self, sorter: &mut Sorter, n: usize, threads: usize, cancel: &Cancel) {
         for list in [&mut self.begun, &mut self.ended] {
-            sorter.sort(list, n as u32, threads);
+            sorter.sort(list, n as u32, threads, cancel);
             list.dedup();
         }
     }
@@ -270,6 +292,7 @@ impl Difference {
         now: &[Pair],
         is_another: &(impl Fn(Pair) -> bool + Sync),
         threads: usize,
+        cancel: &Cancel,
     ) -> Self {
         let parts = part_count(now.len(), TASK_PAIRS, threads);
         let mut work = Vec::with_capacity(parts);
@@ -286,16 +309,25 @@ impl Difference {
         let run = |work: &mut [(&[Pair], &[Pair])]| {
             let mut found = Self::default();
             for (then, now) in work {
-                found.add(then, now, is_another);
+                found.add(then, now, is_another, cancel);
             }
             found
         };
         in_parts(work.as_mut_slice(), parts, &run, &Self::with)
     }
 
-    fn add(&mut self, then: &[Pair], now: &[Pair], is_another: &impl Fn(Pair) -> bool) {
-        let (mut was, mut is) = (0, 0);
+    fn add(
+        &mut self,
+        then: &[Pair],
+        now: &[Pair],
+        is_another: &impl Fn(Pair) -> bool,
+        cancel: &Cancel,
+    ) {
+        let (mut was, mut is, mut pace) = (0, 0, Pace::default());
         while was < then.len() && is < now.len() {
+            if cancel.look_after(PAIR_TESTS, &mut pace) {
+                return;
+            }
             let (before, here) = (then[was], now[is]);
             let (ends, begins) = (key(before) <= key(here), key(here) <= key(before));
             (was, is) = (was + usize::from(ends), is + usize::from(begins));
@@ -362,7 +394,14 @@ mod tests {
             for threads in [1, 2, 3] {
                 let mut sorted = Vec::new();
                 let requested = |pair: Pair| !pair[1].is_multiple_of(3);
-                Sorter::default().sorted_from(&source, &requested, n, threads, &mut sorted);
+                Sorter::default().sorted_from(
+                    &source,
+                    &requested,
+                    n,
+                    threads,
+                    &Cancel::NEVER,
+                    &mut sorted,
+                );
                 assert_eq!(sorted, expected, "{count} pairs of {n} boxes, {threads} threads");
             }
         }

@@ -3,6 +3,7 @@
 use super::pair_list::{PAIR_BYTES, Pair, Sorter};
 use super::store::Store;
 use crate::aabb::Aabb;
+use crate::cancel::Cancel;
 use crate::dispatch::{CpuEngines, CullOptions};
 use crate::engine::{CullError, CullReport, EngineName, HeapReply, ReserveError};
 use crate::mask::{Encoding, EncodingChoice, MaskView};
@@ -44,12 +45,13 @@ impl Whole {
     /// Writes those pairs of `boxes` that are needed, sorted. Returns how many pairs were compared.
     ///
     /// # Errors
-    /// [`CullError`] where there is no memory for the pairs, or there are more than [may be](Self::limit_pairs).
+    /// [`CullError`] where there is no memory for the pairs, there are more than [may be](Self::limit_pairs), or nobody
+    /// waits for them.
     pub fn pairs(
         &mut self,
         boxes: &[Aabb],
         requested: &(impl Fn(Pair) -> bool + Sync),
-        threads: usize,
+        (threads, cancel): (usize, &Cancel),
         sorted: &mut Vec<Pair>,
     ) -> Result<u64, CullError> {
         sorted.clear();
@@ -60,13 +62,19 @@ impl Whole {
             last_pairs: self.last_pairs,
             ..CullOptions::default()
         };
-        let answer = self.engines.cull(boxes, &options, &mut self.reply)?;
+        self.reply.set_asker(cancel.asker());
+        let answer = self.engines.cull(boxes, &options, &mut self.reply);
+        self.reply.set_asker(None);
+        let answer = answer?;
         self.last_pairs = Some(answer.report.pair_count);
         let list = list_of(n, &answer.report, self.reply.words())?;
         let needed_bytes = PAIR_BYTES * list.len() as u64;
         let no_memory = |_| CullError::Reserve(ReserveError::OutOfMemory { needed_bytes });
         sorted.try_reserve(list.len()).map_err(no_memory)?;
-        self.sorter.sorted_from(list, requested, n.get(), threads, sorted);
+        self.sorter.sorted_from(list, requested, n.get(), threads, cancel, sorted);
+        if cancel.is_cancelled() {
+            return Err(CullError::Cancelled);
+        }
         Ok(n.pair_count().saturating_sub(answer.report.skipped.pairs))
     }
 
@@ -77,13 +85,18 @@ impl Whole {
     pub fn pairs_then(
         &mut self,
         store: &Store,
-        threads: usize,
+        threads: (usize, &Cancel),
         sorted: &mut Vec<Pair>,
     ) -> Result<u64, CullError> {
         let (then, statics) = store.then();
         let were_still = |[a, b]: Pair| statics[a as usize] && statics[b as usize];
         let were_pairs = |pair: Pair| !were_still(pair) && store.states.filters.met(pair);
         self.pairs(&then, &were_pairs, threads, sorted)
+    }
+
+    /// Most pairs that lists may have.
+    pub const fn most_pairs(&self) -> u64 {
+        self.most_pairs
     }
 
     /// Memory to sort with.

@@ -141,8 +141,7 @@ impl Engine for BruteForce {
         if input.rules.pass_all() {
             budget.look_at(|index| boxes.get(index).copied(), None)?;
         }
-        let gather =
-            &Gather { budget, rules: input.rules, order: &[], isa: self.isa, keeps: true };
+        let gather = &Gather { budget, rules: input.rules, order: &[], isa: self.isa, keeps: true };
         let threads = split::threads_for(boxes.len(), input.threads);
         let _team = team::enter(threads);
         let mut clock = StageClock::start();

@@ -55,25 +55,13 @@ impl Split for Tiles<'_> {
 
 impl Tiles<'_> {
     /// Deals the boxes of all tiles, unless cancelled. What overlaps nothing goes to the cell `nothing`.
-    pub fn run(
-        self,
-        levels: &[Level],
-        nothing: u32,
-        isa: AvailableIsa,
-        cancel: &Cancel,
-    ) -> Census {
+    pub fn run(self, levels: &[Level], nothing: u32, isa: AvailableIsa, cancel: &Cancel) -> Census {
         let parts = part_count(self.len(), 1, self.deal.threads);
         let deal = |tiles: Self| tiles.deal(levels, nothing, isa, cancel);
         in_parts(self, parts, &deal, &|low, high| low.then(&high))
     }
 
-    fn deal(
-        self,
-        levels: &[Level],
-        nothing: u32,
-        isa: AvailableIsa,
-        cancel: &Cancel,
-    ) -> Census {
+    fn deal(self, levels: &[Level], nothing: u32, isa: AvailableIsa, cancel: &Cancel) -> Census {
         if self.deal.tile_len <= SMALL_TILE {
             self.deal_with(&mut [0; SMALL_TILE], levels, nothing, isa, cancel)
         } else {

@@ -69,14 +69,16 @@ fn order_into(
     census
 }
 
-/// Boxes in an order in which each 16 lie close together, and so do each 16 of those groups, up to the whole.
+/// Boxes in an order in which each 16 lie close together, and so do each 16 of those groups, up to the whole;
+/// cancelled, in any order.
 pub(crate) fn order_by_tree(
     boxes: &[Aabb],
     threads: usize,
     isa: AvailableIsa,
+    cancel: &Cancel,
 ) -> AlignedBuffer<Entry> {
     let mut entries = AlignedBuffer::default();
-    order_into(&mut entries, boxes, threads, isa, &Cancel::NEVER);
+    order_into(&mut entries, boxes, threads, isa, cancel);
     entries
 }
 

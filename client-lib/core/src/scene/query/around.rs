@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use super::{Room, crowded};
 use crate::aabb::{Aabb, KeyBox};
+use crate::cancel::Pace;
 use crate::engine::CullError;
 use crate::floats;
 use crate::scene::cells::{
@@ -77,7 +78,7 @@ pub(super) fn find(
     boxes: &[Aabb],
     queries: &[Aabb],
     threads: usize,
-    room: &Room,
+    room: &Room<'_>,
     memory: &mut Memory,
     found: &mut Vec<Pair>,
 ) -> Result<u64, CullError> {
@@ -117,13 +118,20 @@ pub(super) fn find(
 }
 
 impl Task {
-    fn run(&mut self, order: &[u32], cells: &Cells, boxes: &[Aabb], queries: &[Aabb], room: &Room) {
+    fn run(
+        &mut self,
+        order: &[u32],
+        cells: &Cells,
+        boxes: &[Aabb],
+        queries: &[Aabb],
+        room: &Room<'_>,
+    ) {
         let Self { queries: of_task, tested, found, batches } = self;
         *tested = 0;
         found.clear();
         let numbers = &order[of_task.clone()];
         let count = numbers.len().div_ceil(BATCH);
-        let mut lot = TestLot::default();
+        let (mut lot, mut pace) = (TestLot::default(), Pace::default());
         in_stages(batches, count, |stage, number, batch| match stage {
             0 => {
                 let some = &numbers[number * BATCH..numbers.len().min((number + 1) * BATCH)];
@@ -132,7 +140,9 @@ impl Task {
             }
             1 => {
                 cells.go_on(&mut batch.looked.searches);
-                lot.take(batch.looked.searches.tested() as i64, &room.tests);
+                let tested = batch.looked.searches.tested();
+                lot.take(tested as i64, &room.tests);
+                room.cancel.look_after(tested, &mut pace);
                 true
             }
             2 => {
@@ -171,7 +181,7 @@ impl Batch {
         &mut self,
         cells: &Cells,
         boxes: &[Aabb],
-        room: &Room,
+        room: &Room<'_>,
         tested: &mut u64,
         found: &mut Vec<Pair>,
     ) -> bool {
@@ -216,7 +226,7 @@ impl Batch {
     }
 
     /// Adds the pairs, in order: the candidates of a query stand together. Whether there was room for them.
-    fn report_within(&self, boxes: &[Aabb], room: &Room, found: &mut Vec<Pair>) -> bool {
+    fn report_within(&self, boxes: &[Aabb], room: &Room<'_>, found: &mut Vec<Pair>) -> bool {
         let before = found.len();
         for of_one in self.looked.candidates.chunk_by(|a, b| a.probe == b.probe) {
             let at = of_one[0].probe as usize;

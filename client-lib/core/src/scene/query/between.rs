@@ -7,6 +7,7 @@
 use super::Room;
 use super::{around, direct};
 use crate::aabb::Aabb;
+use crate::cancel::{BOX_TESTS, Cancel, Pace};
 use crate::engine::CullError;
 use crate::floats;
 use crate::scene::cells::{Cells, is_valid};
@@ -53,6 +54,17 @@ pub fn between(
     most_pairs: u64,
     found: &mut Vec<Pair>,
 ) -> Result<u64, CullError> {
+    between_unless(&Cancel::NEVER, [first, second], threads, most_pairs, found)
+}
+
+/// The same, unless cancelled.
+pub(super) fn between_unless(
+    cancel: &Cancel,
+    [first, second]: [&[Aabb]; 2],
+    threads: Option<usize>,
+    most_pairs: u64,
+    found: &mut Vec<Pair>,
+) -> Result<u64, CullError> {
     assert!(first.len().max(second.len()) <= MOST_OF_A_SET, "cells count boxes in 29 bits");
     found.clear();
     if first.is_empty() || second.is_empty() {
@@ -66,15 +78,17 @@ pub fn between(
     let (small, large) = if is_first_small { (first, second) } else { (second, first) };
     let few = |a: usize, b: usize| a as u64 * b as u64 <= FEW_TESTS;
     if few(small.len(), large.len()) {
-        let room = Room::new(most_pairs, small.len(), large.len());
+        let room = Room::new(most_pairs, small.len(), large.len(), cancel);
         let tested = direct::find(large, small, threads, &room, found)?;
-        settle(found, !is_first_small, first.len(), threads);
+        settle(found, !is_first_small, first.len(), (threads, cancel));
+        room.check()?;
         return Ok(tested);
     }
-    let (indices, left) = Sieve::of(small).left_of(large, threads);
+    let (indices, left) = Sieve::of(small).left_of(large, threads, cancel);
     let asks_small = small.len() <= left.len();
     let (queries, boxes) = if asks_small { (small, &left[..]) } else { (&left[..], small) };
-    let room = &Room::new(most_pairs, queries.len(), boxes.len());
+    let room = &Room::new(most_pairs, queries.len(), boxes.len(), cancel);
+    room.check()?;
     let tested = if boxes.is_empty() {
         0
     } else if few(queries.len(), boxes.len()) {
@@ -89,17 +103,23 @@ pub fn between(
         pair[of_large] = indices[pair[of_large] as usize];
     }
     let is_in_order = asks_small == is_first_small;
-    settle(found, !is_in_order, first.len(), threads);
+    settle(found, !is_in_order, first.len(), (threads, cancel));
+    room.check()?;
     Ok(tested)
 }
 
 /// Turns pairs of which the second box is of the first set, and puts them in order.
-fn settle(found: &mut Vec<Pair>, are_turned: bool, first: usize, threads: usize) {
+fn settle(
+    found: &mut Vec<Pair>,
+    are_turned: bool,
+    first: usize,
+    (threads, cancel): (usize, &Cancel),
+) {
     if are_turned {
         for pair in found.iter_mut() {
             pair.reverse();
         }
-        Sorter::default().sort(found, first as u32, threads);
+        Sorter::default().sort(found, first as u32, threads, cancel);
     }
 }
 
@@ -165,18 +185,24 @@ impl Sieve {
         })
     }
 
-    /// The boxes that may overlap one of the set, and their indices.
-    fn left_of(&self, boxes: &[Aabb], threads: usize) -> (Vec<u32>, Vec<Aabb>) {
+    /// The boxes that may overlap one of the set, and their indices; unless cancelled.
+    fn left_of(&self, boxes: &[Aabb], threads: usize, cancel: &Cancel) -> (Vec<u32>, Vec<Aabb>) {
         let parts = part_count(boxes.len(), TASK_BOXES, threads);
         let step = boxes.len().div_ceil(parts).max(1);
         let mut work: Vec<(u32, &[Aabb])> =
             (0u32..).step_by(step).zip(boxes.chunks(step)).collect();
         let run = |work: &mut [(u32, &[Aabb])]| {
-            let (mut indices, mut left) = (Vec::new(), Vec::new());
+            let (mut indices, mut left, mut pace) = (Vec::new(), Vec::new(), Pace::default());
             for (first, boxes) in work {
                 // Copies: another process may write boxes while they are read.
                 let boxes = (*first..).zip(boxes.iter().copied());
-                for (index, b) in boxes.filter(|(_, b)| self.keeps(b)) {
+                for (index, b) in boxes {
+                    if cancel.look_after(BOX_TESTS, &mut pace) {
+                        return (indices, left);
+                    }
+                    if !self.keeps(&b) {
+                        continue;
+                    }
                     indices.push(index);
                     left.push(b);
                 }

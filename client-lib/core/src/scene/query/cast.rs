@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use super::{QueryError, QueryFilterData};
 use crate::aabb::Aabb;
+use crate::cancel::Cancel;
 use crate::cast::{Among, BoxTree, Hit, Hits, Limits, Shapes};
 use crate::engine::CullError;
 use crate::scene::Scene;
@@ -62,11 +63,12 @@ impl Cast<'_> {
         filters: &FilterHistory,
         is_still: impl Fn(u32) -> bool + Sync,
         threads: usize,
+        cancel: &Cancel,
         found: &mut Vec<Hit>,
     ) -> Result<u64, CullError> {
         let Self { shapes, hits, most_hits, .. } = *self;
         let admits = self.admits(filters, is_still);
-        among.cast(shapes, hits, &admits, Limits { most_hits, threads }, found)
+        among.cast(shapes, hits, &admits, Limits { most_hits, threads, cancel }, found)
     }
 
     /// Whether a shape may find a box, by their numbers.
@@ -130,16 +132,27 @@ impl CastTree {
         self.changed.clear();
     }
 
-    /// Where so many shapes are looked for in boxes.
-    pub fn among<'a>(&'a mut self, boxes: &'a [Aabb], shapes: usize, threads: usize) -> Among<'a> {
+    /// Where so many shapes are looked for in boxes. No tree is built where nobody waits for the hits.
+    pub fn among<'a>(
+        &'a mut self,
+        boxes: &'a [Aabb],
+        shapes: usize,
+        threads: usize,
+        cancel: &Cancel,
+    ) -> Among<'a> {
         self.unused = 0;
         if self.tree.is_none() {
             self.cast = self.cast.saturating_add(shapes as u64);
             if self.cast < MANY_SHAPES || boxes.len() <= FEW_BOXES {
                 return Among::Boxes(boxes);
             }
-            (self.is_all_changed, self.cast) = (false, 0);
-            return Among::Tree(self.tree.insert(BoxTree::of(boxes, threads)));
+            return match BoxTree::unless(cancel, boxes, threads) {
+                Some(tree) => {
+                    (self.is_all_changed, self.cast) = (false, 0);
+                    Among::Tree(self.tree.insert(tree))
+                }
+                None => Among::Boxes(boxes),
+            };
         }
         let changed = (!std::mem::take(&mut self.is_all_changed)).then_some(&self.changed[..]);
         match &mut self.tree {
@@ -185,16 +198,16 @@ impl Scene {
     ///
     /// # Errors
     /// [`QueryError::FilterData`]; [`CullError::Reserve`] where there are more hits than may be, or there is no memory for
-    /// them.
+    /// them; [`CullError::Cancelled`], which changes nothing.
     pub fn cast(&mut self, cast: &Cast<'_>, found: &mut Vec<Hit>) -> Result<u64, QueryError> {
         cast.filter_data.check(cast.shapes.len())?;
         let shapes = cast.shapes.len();
         self.threads = team::threads_for(shapes as f64 * CAST_NS, self.options.threads);
         let threads = self.threads;
         let _team = team::enter(threads);
-        let among = self.asked.casts.among(self.store.boxes(), shapes, threads);
+        let among = self.asked.casts.among(self.store.boxes(), shapes, threads, &self.cancel);
         let states = &self.store.states;
         let is_still = |index| states.has(index, STILL);
-        Ok(cast.among(among, &states.filters, is_still, threads, found)?)
+        Ok(cast.among(among, &states.filters, is_still, threads, &self.cancel, found)?)
     }
 }

@@ -18,7 +18,7 @@ pub(super) fn find(
     boxes: &[Aabb],
     queries: &[Aabb],
     threads: usize,
-    room: &Room,
+    room: &Room<'_>,
     found: &mut Vec<Pair>,
 ) -> Result<u64, CullError> {
     if queries.len() <= FEW_QUERIES {
@@ -30,11 +30,13 @@ pub(super) fn find(
     let encoding = EncodingChoice::Only(Encoding::List);
     let options = CullOptions { encoding, threads: Some(threads), ..CullOptions::default() };
     let mut reply = HeapReply::with_limit_bytes(PAIR_BYTES * room.most);
+    reply.set_asker(room.cancel.asker());
     let mut engines = CpuEngines::new();
     let answer = engines.cull_sets(&all, BoxCount::new(first), &options, &mut reply)?;
     let list = list_of(n, &answer.report, reply.words())?;
     super::reserve(found, list.len())?;
     found.extend(list.iter().map(|[query, index]| [*query, index - first]));
-    Sorter::default().sort(found, first, threads);
+    Sorter::default().sort(found, first, threads, room.cancel);
+    room.check()?;
     Ok(n.pair_count().saturating_sub(answer.report.skipped.pairs))
 }

@@ -2,6 +2,7 @@
 
 use super::Room;
 use crate::aabb::{Aabb, KeyBox};
+use crate::cancel::Pace;
 use crate::engine::CullError;
 use crate::scene::pair_list::Pair;
 use crate::team::{appended, in_parts, part_count};
@@ -50,7 +51,7 @@ pub(super) fn find(
     boxes: &[Aabb],
     queries: &[Aabb],
     threads: usize,
-    room: &Room,
+    room: &Room<'_>,
     found: &mut Vec<Pair>,
 ) -> Result<u64, CullError> {
     let blocks = (0u32..).step_by(LANES).zip(queries.chunks(LANES));
@@ -59,9 +60,12 @@ pub(super) fn find(
     let step = boxes.len().div_ceil(parts).max(1);
     let mut work: Vec<(u32, &[Aabb])> = (0u32..).step_by(step).zip(boxes.chunks(step)).collect();
     let run = |work: &mut [(u32, &[Aabb])]| {
-        let mut pairs = Vec::new();
+        let (mut pairs, mut pace) = (Vec::new(), Pace::default());
         for (first, boxes) in work {
             for (index, b) in (*first..).zip(*boxes) {
+                if room.cancel.look_after(queries.len() as u64, &mut pace) {
+                    return pairs;
+                }
                 let before = pairs.len();
                 add_pairs(&blocks, index, &KeyBox::from(b), &mut pairs);
                 if pairs.len() > before && !room.take(pairs.len() - before) {

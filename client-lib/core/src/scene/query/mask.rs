@@ -2,8 +2,9 @@
 
 use std::time::Instant;
 
-use super::between::{MOST_OF_A_SET, between};
+use super::between::{MOST_OF_A_SET, between_unless};
 use crate::aabb::Aabb;
+use crate::cancel::Cancel;
 use crate::dispatch::{CpuEngines, CullAnswer, CullOptions, StageTimes, nanoseconds_since};
 use crate::engine::encode::{self, FoundWords};
 use crate::engine::gather::Gather;
@@ -187,8 +188,9 @@ pub fn cull_between<'a>(
         Encoding::List => reply.limit_words() / 2,
         _ => u64::MAX,
     };
+    let cancel = &Cancel::by(reply.asker());
     mask.answer(boxes, encoding, threads, &mut Vec::new(), reply, |found| {
-        between(a, b, options.threads, most_pairs, found)
+        between_unless(cancel, [a, b], options.threads, most_pairs, found)
     })
 }
 

@@ -33,6 +33,7 @@ use super::cells::Cells;
 use super::pair_list::{PAIR_BYTES, Pair, starts_of};
 use super::states::STILL;
 use crate::aabb::Aabb;
+use crate::cancel::Cancel;
 use crate::engine::{CullError, ReserveError};
 use crate::team;
 use crate::test_budget::TestBudget;
@@ -59,18 +60,19 @@ pub const fn more_pairs_than(most: u64) -> CullError {
     })
 }
 
-/// How many pairs may be found, and how many boxes tested, by all threads together.
-struct Room {
+/// How many pairs may be found, and how many boxes tested, by all threads together, and whether anybody waits for them.
+struct Room<'a> {
     found: AtomicU64,
     most: u64,
     tests: TestBudget,
+    cancel: &'a Cancel,
 }
 
-impl Room {
+impl<'a> Room<'a> {
     /// For so many pairs, as queries find them among boxes.
-    fn new(most: u64, queries: usize, boxes: usize) -> Self {
+    fn new(most: u64, queries: usize, boxes: usize, cancel: &'a Cancel) -> Self {
         let tests = TESTS_A_QUERY * queries as i64 + TESTS_A_BOX * boxes as i64;
-        Self { found: AtomicU64::new(0), most, tests: TestBudget::new(tests) }
+        Self { found: AtomicU64::new(0), most, tests: TestBudget::new(tests), cancel }
     }
 
     /// Counts pairs that are kept. Whether all are still within the limit.
@@ -82,11 +84,14 @@ impl Room {
     }
 
     fn is_spent(&self) -> bool {
-        self.found.load(Ordering::Relaxed) > self.most
+        self.found.load(Ordering::Relaxed) > self.most || self.cancel.is_cancelled()
     }
 
     /// The end of a search.
     fn check(&self) -> Result<(), CullError> {
+        if self.cancel.is_cancelled() {
+            return Err(CullError::Cancelled);
+        }
         if !self.is_spent() {
             return Ok(());
         }
@@ -190,7 +195,7 @@ impl Scene {
     ///
     /// # Errors
     /// [`QueryError::FilterData`]; [`CullError::Reserve`] where there are more pairs than
-    /// [may be](Self::limit_query_pairs), or there is no memory for them.
+    /// [may be](Self::limit_query_pairs), or there is no memory for them; [`CullError::Cancelled`], which changes nothing.
     pub fn query(
         &mut self,
         queries: &[Aabb],
@@ -207,7 +212,7 @@ impl Scene {
         self.build_cells_for(queries.len() as u64);
         self.asked.moved = 0;
         let (threads, boxes) = (self.threads, self.store.boxes());
-        let room = Room::new(self.asked.most_pairs, queries.len(), boxes.len());
+        let room = Room::new(self.asked.most_pairs, queries.len(), boxes.len(), &self.cancel);
         let Asked { cells: of_now, memory, .. } = &mut self.asked;
         let tested = match self.cells.as_ref().or(of_now.as_ref()) {
             Some(cells) => around::find(cells, boxes, queries, threads, &room, memory, found)?,

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use pairmask_core::aabb::{AABB_BYTES, KeyBox};
+use pairmask_core::cancel::Cancel;
 use pairmask_core::engine::{
     Census, CullError, CullInput, CullReport, Engine, EngineTimes, NAMED_INVALID, ReplyBuffer,
     StageClock, write_no_pairs,
@@ -99,6 +100,8 @@ impl AllPairs {
         &self.step_times
     }
 
+    /// Runs all bands, some of them in a submission. `None` where it was cancelled between two of these.
+    #[allow(clippy::too_many_arguments)] // Of one caller.
     fn run(
         &mut self,
         n: BoxCount,
@@ -107,7 +110,8 @@ impl AllPairs {
         shape: MaskShape,
         capacity: u64,
         mut replaced: bool,
-    ) -> Result<Outcome, GpuError> {
+        cancel: &Cancel,
+    ) -> Result<Option<Outcome>, GpuError> {
         let encoding = shape.encoding();
         let tuning = self.options.tuning.unwrap_or_else(|| Tuning::for_frame(n, encoding));
         let bands = plan::bands(n, tuning, encoding, &self.limits);
@@ -118,6 +122,9 @@ impl AllPairs {
         self.step_times.clear();
         let pairs_per_band = n.pair_count() / bands.len().max(1) as u64;
         for (chunk, bands) in bands.chunks(steps::BANDS_PER_FRAME).enumerate() {
+            if cancel.look() {
+                return Ok(None);
+            }
             let key = FrameKey {
                 n: n.get(),
                 form: boxes.form,
@@ -151,7 +158,7 @@ impl AllPairs {
         let batches = n.get().div_ceil(BATCH_BOXES) as usize;
         self.reports.resize(batches, BatchReport::default());
         stages.reports.block.read(0, &mut self.reports);
-        Ok(Outcome::of(&self.reports))
+        Ok(Some(Outcome::of(&self.reports)))
     }
 
     /// Finds the pairs of two objects or more. A mask whose size is known when it was found is tried with room for
@@ -160,10 +167,12 @@ impl AllPairs {
         &mut self,
         n: BoxCount,
         objects: Objects<'_>,
-        found: Option<Found>,
+        encoding: Encoding,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        let limit = reply.limit_words();
+        let (found, limit) = (Found::of(encoding), reply.limit_words());
+        let cancel = &Cancel::by(reply.asker());
+        objects.check_room(encoding, reply)?;
         let room = match found {
             Some(found) => plan::room(found, n, limit)?,
             None if n.dense_words() > limit => {
@@ -193,10 +202,11 @@ impl AllPairs {
             let reserved = &mut reply.reserve(words)?[..words as usize];
             let done = (|| {
                 let mask = self.transfers.put_mask(reserved, &mut replaced)?;
-                let outcome = self.run(n, &boxes, &mask, whole, capacity, replaced)?;
+                let outcome = self.run(n, &boxes, &mask, whole, capacity, replaced, cancel)?;
                 Ok((outcome, mask))
             })();
             let (outcome, mask) = done.map_err(|e: GpuError| self.cull_error(&e))?;
+            let outcome = outcome.ok_or(CullError::Cancelled)?;
             let entries = found.map_or(0, |found| outcome.entries(found));
             if let Some(found) = found.filter(|_| entries > room) {
                 return Err(plan::refusal(plan::words(found, n, entries), limit).into());
@@ -229,7 +239,7 @@ impl AllPairs {
         if n.get() < 2 {
             return no_pairs(n, objects, encoding, reply);
         }
-        self.cull_two(n, objects, Found::of(encoding), reply)
+        self.cull_two(n, objects, encoding, reply)
     }
 
     fn cull_error(&self, error: &GpuError) -> CullError {

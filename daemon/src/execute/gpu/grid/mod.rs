@@ -18,6 +18,7 @@ pub use self::under_way::GridUnderWay;
 
 use std::sync::{Arc, Mutex};
 
+use pairmask_core::cancel::Cancel;
 use pairmask_core::dispatch::Marks;
 use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, ReplyBuffer};
 use pairmask_core::objects::Objects;
@@ -123,6 +124,9 @@ impl Grid {
         let mut frame = GridUnderWay::new(workspace, memory);
         let begun = frame.with(|workspace, objects, reply| {
             let (n, capacity) = self.asked(objects.len(), encoding, reply)?;
+            if marks.is_none() {
+                objects.check_room(encoding, reply)?;
+            }
             let requested = Requested { n, objects, capacity, is_behind, marks };
             workspace.begin(&mut self.tools, &requested, reply)
         });
@@ -155,6 +159,7 @@ impl Grid {
             let mut frame = GridUnderWay::new(workspace, memory);
             let joined = frame.with(|workspace, objects, reply| {
                 let (n, capacity) = self.asked(objects.len(), encoding, reply)?;
+                objects.check_room(encoding, reply)?;
                 let requested = Requested { n, objects, capacity, is_behind: false, marks: None };
                 workspace.join(&mut self.tools, &requested, reply, &bundle)
             });
@@ -255,6 +260,9 @@ impl Grid {
                         let needed = Sizes::of(n).reply_words(Capacity { found, entries });
                         return Err(refusal(needed, limit).into());
                     };
+                    if Cancel::by(reply.asker()).look() {
+                        return Err(CullError::Cancelled);
+                    }
                     let capacity = self.capacity(n, found, entries, room);
                     let marks = marks.as_ref();
                     let requested = Requested { n, objects, capacity, is_behind: false, marks };

@@ -1,5 +1,6 @@
 //! From the list that comes down, in no order, to what is reported: sorted by pair, begun and ended apart.
 
+use pairmask_core::cancel::Cancel;
 use pairmask_core::scene::{EndReason, Ended, PairSorter};
 use pairmask_shaders::constants::{REPORT_BEGUN, REPORT_FILTERED, REPORT_REMOVED};
 use rayon::iter::{IndexedParallelIterator as _, IntoParallelIterator as _, ParallelIterator as _};
@@ -53,7 +54,7 @@ impl ChangeSorter {
             parts.for_each(|(at, part)| read(at * READ_PAIRS, part));
         }
         // What the device wrote is below `n`; were it not, it is nothing.
-        self.sorter.sorted_from(all, &|pair| pair[0] < n, n, threads, pairs);
+        self.sorter.sorted_from(all, &|pair| pair[0] < n, n, threads, &Cancel::NEVER, pairs);
     }
 
     pub fn changes(

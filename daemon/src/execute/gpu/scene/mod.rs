@@ -16,6 +16,7 @@ mod upload;
 use std::sync::{Arc, Mutex, Weak};
 
 use pairmask_core::EngineName;
+use pairmask_core::cancel::{Cancel, Wanted};
 use pairmask_core::engine::{CullError, ReserveError};
 use pairmask_core::scene::states::LOST;
 use pairmask_core::scene::{
@@ -127,6 +128,7 @@ pub struct GpuScene {
     is_open: bool,
     sorter: ChangeSorter,
     casts: Casts,
+    cancel: Cancel,
     submissions: u32,
     stages: Vec<StepTime>,
 }
@@ -161,6 +163,7 @@ impl GpuScene {
             is_open: false,
             sorter: ChangeSorter::default(),
             casts: Casts::default(),
+            cancel: Cancel::NEVER,
             submissions: 0,
             stages: Vec::new(),
         }
@@ -251,6 +254,18 @@ impl GpuScene {
     /// Threads of the pool for later edits and queries; `None` is all. With one, none is touched.
     pub const fn set_threads(&mut self, threads: Option<usize>) {
         self.options.threads = threads;
+    }
+
+    /// As [`Scene::set_asker`](pairmask_core::scene::Scene::set_asker). Between two submissions it is looked whether an
+    /// answer is still wanted.
+    pub fn set_asker(&mut self, asker: Option<Arc<dyn Wanted>>) {
+        self.cancel = Cancel::by(asker);
+    }
+
+    /// # Errors
+    /// [`CullError::Cancelled`].
+    fn check_wanted(&self) -> Result<(), CullError> {
+        if self.cancel.look() { Err(CullError::Cancelled) } else { Ok(()) }
     }
 
     pub const fn submissions(&self) -> u32 {
@@ -416,6 +431,7 @@ impl GpuScene {
                 let search = if at < shares { Search::Pairs(share) } else { Search::Nothing };
                 Asked { question, search, layout, sizes, room, epoch, naming, applies }
             };
+            self.check_wanted()?;
             let rooms = self.replicas.on_each(|at, replica| replica.submit(&asked(at)))?;
             let summaries = self.replicas.on_each(|at, replica| replica.wait(&asked(at)))?;
             applies = false;

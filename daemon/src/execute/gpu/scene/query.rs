@@ -58,6 +58,7 @@ impl GpuScene {
         let are_entries = !self.was_asked && self.may_be_entries(queries.len() as u64);
         self.was_asked = true;
         for (part, queries) in queries.chunks(QUERIES_TOGETHER).enumerate() {
+            self.check_wanted()?;
             let first = part * QUERIES_TOGETHER;
             let before = found.len();
             loop {

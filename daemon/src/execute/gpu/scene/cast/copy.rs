@@ -6,7 +6,7 @@ use std::collections::hash_map::Entry;
 
 use pairmask_core::Aabb;
 use pairmask_core::aabb::order_key;
-use pairmask_core::cast::Among;
+use pairmask_core::cast::{Among, Limits};
 use pairmask_core::engine::{CullError, ReserveError};
 use pairmask_core::scene::states::{BoxStates, DISABLED, PRESENT, grow};
 use pairmask_core::scene::{CastTree, Edit, Indices, Sets, Step};
@@ -122,9 +122,9 @@ impl CastCopy {
     }
 
     /// Where the cores look for so many shapes.
-    pub fn among(&mut self, shapes: usize, threads: usize) -> Among<'_> {
+    pub fn among(&mut self, shapes: usize, limits: Limits<'_>) -> Among<'_> {
         self.edits = 0;
-        self.tree.among(&self.boxes, shapes, threads)
+        self.tree.among(&self.boxes, shapes, limits.threads, limits.cancel)
     }
 
     /// Takes the boxes of all records.

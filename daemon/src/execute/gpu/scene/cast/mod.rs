@@ -15,6 +15,7 @@ mod tree;
 use std::sync::Arc;
 
 use pairmask_core::Aabb;
+use pairmask_core::cancel::Cancel;
 use pairmask_core::cast::{Among, Deciders, Hit, Hits, Limits, Ray, Shapes};
 use pairmask_core::engine::{CullError, ReserveError};
 use pairmask_core::scene::states::STILL;
@@ -74,6 +75,11 @@ pub fn is_for_gpu(cast: &Cast<'_>) -> bool {
     is_known && cast.shapes.len() >= FEWEST
 }
 
+/// The error of a cast with more hits than may be.
+fn exceeded(cast: &Cast<'_>) -> CullError {
+    Limits { most_hits: cast.most_hits, threads: 1, cancel: &Cancel::NEVER }.exceeded()
+}
+
 impl GpuScene {
     /// How many rays or spheres of the last cast the cores have looked for.
     pub const fn left_to_cores(&self) -> usize {
@@ -108,9 +114,7 @@ impl GpuScene {
             found.clear();
             match error {
                 // Of a part, which may find no more than the parts before it have left.
-                CullError::Reserve(ReserveError::TooLarge { .. }) => {
-                    Limits { most_hits: cast.most_hits, threads: 1 }.exceeded()
-                }
+                CullError::Reserve(ReserveError::TooLarge { .. }) => exceeded(cast),
                 other => other,
             }
         })?;
@@ -120,6 +124,7 @@ impl GpuScene {
     fn cast_in_parts(&mut self, cast: &Cast<'_>, found: &mut Vec<Hit>) -> Result<u64, CullError> {
         let (mut looked_at, mut more) = (0, Vec::new());
         for first in (0..cast.shapes.len()).step_by(TOGETHER) {
+            self.check_wanted()?;
             let mut part = cast.part(first..(first + TOGETHER).min(cast.shapes.len()));
             part.most_hits -= found.len() as u64;
             looked_at += loop {
@@ -187,11 +192,11 @@ impl GpuScene {
         searched: &Found,
         found: &mut Vec<Hit>,
     ) -> Result<u64, CullError> {
-        let limits = Limits { most_hits: cast.most_hits, threads: self.threads() };
+        let (threads, cancel) = (self.threads(), &self.cancel);
         let of = |query: u32, to: &mut Vec<(u32, Aabb)>| searched.candidates(query, to);
         let (among, states) = (Among::Candidates(&of), &self.roster.states);
         let is_still = |index| states.has(index, STILL);
-        cast.among(among, &states.filters, is_still, limits.threads, found)?;
+        cast.among(among, &states.filters, is_still, threads, cancel, found)?;
         if searched.is_wrong() {
             let gpu = Arc::clone(self.replicas.first().tools.gpu());
             return Err(gpu.cull_error(ENGINE, &GpuError::Lost));
@@ -206,8 +211,8 @@ impl GpuScene {
         let mut others = Vec::new();
         let looked_at = self.cast_by_cores(cast, Some(&left), &mut others)?;
         found.append(&mut others);
-        if found.len() as u64 > limits.most_hits {
-            return Err(limits.exceeded());
+        if found.len() as u64 > cast.most_hits {
+            return Err(exceeded(cast));
         }
         // Those of one query stay as they are.
         found.sort_by_key(|hit| hit.query);
@@ -225,12 +230,13 @@ impl GpuScene {
             let records = self.records()?;
             self.casts.copy.take(&records)?;
         }
-        let limits = Limits { most_hits: cast.most_hits, threads: self.threads() };
+        let (most_hits, threads, cancel) = (cast.most_hits, self.threads(), &self.cancel);
+        let limits = Limits { most_hits, threads, cancel };
         let states = &self.roster.states;
         let admits = cast.admits(&states.filters, |index| states.has(index, STILL));
         let count = some.map_or(cast.shapes.len(), <[u32]>::len);
         self.casts.left += count;
-        let among = self.casts.copy.among(count, limits.threads);
+        let among = self.casts.copy.among(count, limits);
         let Some(some) = some else {
             return among.cast(cast.shapes, cast.hits, &admits, limits, found);
         };
