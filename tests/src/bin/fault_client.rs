@@ -8,6 +8,7 @@
 //! * `shared` writes ten boxes of the shared scene that its third argument names, tick by tick;
 //! * `greedy` always has as many large frames waiting as it may;
 //! * `pile` submits a frame of boxes in one place, which takes long, and prints `answered` once it has its answer;
+//! * `long` waits for a frame that takes `cpu-brute` minutes;
 //! * `truncate` cuts its own segment short while the daemon (stopped by the test) has a request;
 //!
 //! * `right` compares its answers with the oracle, until its input ends: it says `wrong` where one is not right, and at
@@ -71,9 +72,12 @@ fn main() -> Result<(), Box<dyn Error>> {
         "pile" => {
             let pending = session.ask(&vec![at(0.0); PILED_BOXES]);
             println!("ready");
-            // So many pairs have no room in a reply.
-            let _refused = pending.wait();
+            pending.wait()?;
             println!("answered");
+        }
+        "long" => {
+            let boxes: Vec<Aabb> = (0..LONG_BOXES).map(|i| at(2.0 * i as f32)).collect();
+            held.push(session.ask(&boxes));
         }
         "right" => {
             right(&mut session);
@@ -89,8 +93,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     ready(held)
 }
 
-/// Boxes of the client with a pile: a second on a core.
-const PILED_BOXES: usize = 300_000;
+/// Boxes of the client with a pile: half a second on a core, for as many pairs as a sparse mask holds.
+const PILED_BOXES: usize = 30_000;
+/// Boxes of the client that waits for long: minutes of all cores, where all pairs are tested.
+const LONG_BOXES: usize = 1_000_000;
 const GREEDY_BOXES: u32 = 600_000;
 
 /// Boxes in a row, each of which touches the next.

@@ -1,6 +1,7 @@
 //! Engines, masks and layers: nothing here needs a daemon or a GPU.
 #![allow(clippy::unwrap_used)]
 
+mod cancelled;
 mod casts;
 mod cliffs;
 mod conformance_can_fail;

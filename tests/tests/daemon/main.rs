@@ -4,6 +4,7 @@
 mod ailing_daemons;
 mod attacks;
 mod c_clients;
+mod cancelled;
 mod faults;
 mod fences;
 mod filtered_frames;
