@@ -1,5 +1,6 @@
 //! Casts beside the naive answer in exact fractions.
 
+use pairmask_core::cancel::Cancel;
 use pairmask_core::cast::{Among, BoxTree, Hit, Hits, Limits, Ray, Shapes};
 use pairmask_core::engine::{CullError, ReserveError};
 use pairmask_tests::casts::{Numbers, by_query, check, hit_by, some_hits, touched_by};
@@ -7,7 +8,11 @@ use pairmask_tests::conformance::mixed_flags;
 use pairmask_tests::prelude::*;
 use stress_scenes::Rng;
 
-const LIMITS: Limits = Limits { most_hits: 1 << 30, threads: 2 };
+static NEVER: Cancel = Cancel::NEVER;
+
+fn limits() -> Limits<'static> {
+    Limits { most_hits: 1 << 30, threads: 2, cancel: &NEVER }
+}
 
 fn all(_: u32, _: u32) -> bool {
     true
@@ -16,7 +21,7 @@ fn all(_: u32, _: u32) -> bool {
 /// Hits of all boxes, with room for them.
 fn cast<'a>(among: Among<'_>, shapes: impl Into<Shapes<'a>>, asked: Hits) -> Vec<Hit> {
     let mut hits = Vec::new();
-    among.cast(shapes.into(), asked, &all, LIMITS, &mut hits).expect("room");
+    among.cast(shapes.into(), asked, &all, limits(), &mut hits).expect("room");
     hits
 }
 
@@ -165,10 +170,10 @@ fn what_is_not_admitted_is_not_found_and_does_not_count() {
     let admits = |query: u32, index: u32| index % 7 == query + 3;
     let (among, rays) = (Among::Tree(&tree), [along; 2]);
     let shapes = Shapes::Rays(&rays);
-    among.cast(shapes, Hits::Closest(2), &admits, LIMITS, &mut hits).expect("room");
+    among.cast(shapes, Hits::Closest(2), &admits, limits(), &mut hits).expect("room");
     let found: Vec<_> = hits.iter().map(|hit| [hit.query, hit.index]).collect();
     assert_eq!(found, [[0, 3], [0, 10], [1, 4], [1, 11]]);
-    among.cast(shapes, Hits::Any, &|_, _| false, LIMITS, &mut hits).expect("room");
+    among.cast(shapes, Hits::Any, &|_, _| false, limits(), &mut hits).expect("room");
     assert_eq!(hits, []);
 }
 
@@ -179,7 +184,7 @@ fn more_hits_than_may_be_are_an_error() {
     let through = [Ray::new([0.5; 3], [1.0; 3]); 10];
     let mut hits = Vec::new();
     let mut ask = |most_hits, asked| {
-        let limits = Limits { most_hits, threads: 2 };
+        let limits = Limits { most_hits, threads: 2, cancel: &Cancel::NEVER };
         let shapes = Shapes::Rays(&through);
         Among::Tree(&tree).cast(shapes, asked, &all, limits, &mut hits).map(|_| hits.len())
     };
@@ -202,7 +207,7 @@ fn more_boxes_on_the_way_than_there_is_room_for_are_none() {
     let along = [Ray::new([0.0; 3], [1.0, 0.0, 0.0])];
     let mut hits = Vec::new();
     for most in [5, 40] {
-        let limits = Limits { most_hits: 45, threads: 1 };
+        let limits = Limits { most_hits: 45, threads: 1, cancel: &Cancel::NEVER };
         let (shapes, asked) = (Shapes::Rays(&along), Hits::Closest(most));
         Among::Boxes(&boxes).cast(shapes, asked, &all, limits, &mut hits).expect("room");
         assert!(check(0, &hits, &hit_by(&along[0], &boxes), asked).is_ok());

@@ -146,9 +146,7 @@ fn are_surely_more<T: Body>(
     };
     let (all, others) = match first {
         None => (sampled(0, n, T::SAMPLED), Vec::new()),
-        Some(first) => {
-            (sampled(0, first, T::SAMPLED / 2), sampled(first, n - first, T::SAMPLED / 2))
-        }
+        Some(first) => (sampled(0, first, T::SAMPLED), sampled(first, n - first, T::SAMPLED)),
     };
     let mut met = 0u64;
     for (i, one) in all.iter().enumerate() {
@@ -161,7 +159,7 @@ fn are_surely_more<T: Body>(
     // Of as many pairs as were drawn, those of boxes without a point too. Half of the boxes are pairs of their own.
     let count = |n: usize, most: usize| n.min(most) as f64;
     let (drawn, apart) = if let Some(first) = first {
-        let [a, b] = [first, n - first].map(|n| count(n, T::SAMPLED / 2));
+        let [a, b] = [first, n - first].map(|n| count(n, T::SAMPLED));
         (a * b, a.min(b))
     } else {
         let all = count(n, T::SAMPLED);

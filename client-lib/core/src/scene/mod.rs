@@ -581,6 +581,9 @@ impl Scene {
             let is_named = |pair: &Pair| self.store.states.has_either(*pair, NAMED);
             pairs.extend(now.iter().copied().filter(is_named));
         }
+        if self.cancel.is_cancelled() {
+            return Err(CullError::Cancelled);
+        }
         self.reported.pairs = Arc::new(pairs);
         Ok(())
     }
