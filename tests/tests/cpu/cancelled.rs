@@ -31,7 +31,7 @@ impl Wanted for Looks {
 }
 
 /// Looks of a whole piece of work up to which each is tried as the one that ends it; of more, so many are.
-const TRIED: u64 = 24;
+const TRIED: u64 = 10;
 
 /// Cancels work at its first look, its second, and so on, as a `reply` says it, and does it to its end each time after
 /// that: with the same answer. Returns how many looks there were.
