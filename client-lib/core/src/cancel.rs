@@ -35,7 +35,9 @@ impl fmt::Debug for Cancel {
 
 impl Cancel {
     /// Work that always comes to its end.
-    pub const NEVER: Self = Self { asker: None, is_cancelled: AtomicBool::new(false) };
+    pub const fn never() -> Self {
+        Self::by(None)
+    }
 
     /// Work whose answer somebody may let go of.
     pub const fn by(asker: Option<Arc<dyn Wanted>>) -> Self {
@@ -114,7 +116,7 @@ mod tests {
             assert!(cancel.look() && cancel.is_cancelled());
         }
         assert_eq!(asker.0.load(Ordering::Relaxed), 2, "nobody is asked again");
-        assert!(!Cancel::NEVER.look());
+        assert!(!Cancel::never().look());
     }
 
     #[test]

@@ -8,7 +8,7 @@ use pairmask_tests::conformance::mixed_flags;
 use pairmask_tests::prelude::*;
 use stress_scenes::Rng;
 
-static NEVER: Cancel = Cancel::NEVER;
+static NEVER: Cancel = Cancel::never();
 
 fn limits() -> Limits<'static> {
     Limits { most_hits: 1 << 30, threads: 2, cancel: &NEVER }
@@ -184,7 +184,7 @@ fn more_hits_than_may_be_are_an_error() {
     let through = [Ray::new([0.5; 3], [1.0; 3]); 10];
     let mut hits = Vec::new();
     let mut ask = |most_hits, asked| {
-        let limits = Limits { most_hits, threads: 2, cancel: &Cancel::NEVER };
+        let limits = Limits { most_hits, threads: 2, cancel: &Cancel::never() };
         let shapes = Shapes::Rays(&through);
         Among::Tree(&tree).cast(shapes, asked, &all, limits, &mut hits).map(|_| hits.len())
     };
@@ -207,7 +207,7 @@ fn more_boxes_on_the_way_than_there_is_room_for_are_none() {
     let along = [Ray::new([0.0; 3], [1.0, 0.0, 0.0])];
     let mut hits = Vec::new();
     for most in [5, 40] {
-        let limits = Limits { most_hits: 45, threads: 1, cancel: &Cancel::NEVER };
+        let limits = Limits { most_hits: 45, threads: 1, cancel: &Cancel::never() };
         let (shapes, asked) = (Shapes::Rays(&along), Hits::Closest(most));
         Among::Boxes(&boxes).cast(shapes, asked, &all, limits, &mut hits).expect("room");
         assert!(check(0, &hits, &hit_by(&along[0], &boxes), asked).is_ok());

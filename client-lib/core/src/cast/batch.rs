@@ -104,7 +104,7 @@ impl Among<'_> {
     /// let boxes = [3.0, 1.0, 2.0].map(|x| Aabb::new([x, -1.0, -1.0], [x + 0.5, 1.0, 1.0]));
     /// let tree = BoxTree::of(&boxes, 1);
     /// let along_x = Ray::new([0.0; 3], [1.0, 0.0, 0.0]);
-    /// let limits = Limits { most_hits: 1_000, threads: 1, cancel: &Cancel::NEVER };
+    /// let limits = Limits { most_hits: 1_000, threads: 1, cancel: &Cancel::never() };
     /// let mut found = Vec::new();
     /// Among::Tree(&tree).cast(Shapes::Rays(&[along_x]), Hits::Closest(2), &|_, _| true, limits, &mut found)?;
     /// let found: Vec<_> = found.iter().map(|hit| (hit.index, hit.distance)).collect();

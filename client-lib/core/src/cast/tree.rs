@@ -48,7 +48,7 @@ fn reach_of(b: &Aabb) -> f32 {
 /// Indices of all boxes in an order in which any 16 that follow one another lie near each other: that of a [`BoxTree`].
 pub fn near_order(boxes: &[Aabb], threads: usize) -> Vec<u32> {
     let _team = team::enter(threads);
-    let entries = order_by_tree(boxes, threads, AvailableIsa::best(), &Cancel::NEVER);
+    let entries = order_by_tree(boxes, threads, AvailableIsa::best(), &Cancel::never());
     entries.as_slice().iter().map(|entry| entry.index).collect()
 }
 
@@ -56,7 +56,7 @@ impl BoxTree {
     /// A tree of boxes: index i is box i.
     pub fn of(boxes: &[Aabb], threads: usize) -> Self {
         let mut tree = Self::default();
-        tree.build(boxes, threads, &Cancel::NEVER);
+        tree.build(boxes, threads, &Cancel::never());
         tree
     }
 
@@ -150,7 +150,7 @@ impl BoxTree {
             _ => self.put_all(boxes, threads),
         }
         if self.loose * LOOSE_SHARE > self.leaves.len() {
-            self.build(boxes, threads, &Cancel::NEVER);
+            self.build(boxes, threads, &Cancel::never());
         }
     }
 

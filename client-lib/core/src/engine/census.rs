@@ -59,7 +59,7 @@ impl Census {
 
     /// The same of boxes that stand behind `first` others.
     #[must_use]
-    pub(crate) fn from_index(mut self, first: u32) -> Self {
+    pub(crate) fn behind(mut self, first: u32) -> Self {
         for index in &mut self.first_invalid[..(self.invalid as usize).min(NAMED_INVALID)] {
             *index += first;
         }

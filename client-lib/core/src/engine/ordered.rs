@@ -164,7 +164,9 @@ pub(crate) fn publish<Own: Sync>(
         Ok(shape) => Ok((shape, tasks.iter().map(|task| task.found.pair_count()).sum())),
         Err(error) => {
             if error != CullError::Cancelled {
-                tasks.iter_mut().for_each(|task| task.found.give_back());
+                for task in tasks {
+                    task.found.give_back();
+                }
             }
             Err(error)
         }

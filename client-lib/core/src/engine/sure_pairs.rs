@@ -246,7 +246,7 @@ mod tests {
     use crate::oracle;
 
     fn of(boxes: &[Aabb], first: Option<usize>, beyond: u64) -> Outlook {
-        outlook((boxes.len(), first), |i| boxes.get(i).copied(), beyond, &Cancel::NEVER)
+        outlook((boxes.len(), first), |i| boxes.get(i).copied(), beyond, &Cancel::never())
     }
 
     #[test]
@@ -348,7 +348,7 @@ mod tests {
                 .filter(|(a, b)| spheres[*a].overlaps(&spheres[*b]))
                 .count() as u64;
             let get = |i: usize| spheres.get(i).copied();
-            let found = outlook((spheres.len(), None), get, 0, &Cancel::NEVER);
+            let found = outlook((spheres.len(), None), get, 0, &Cancel::never());
             prop_assert!(!matches!(found, Outlook::AtLeast(found) if found > pairs));
         }
     }

@@ -150,7 +150,9 @@ impl Changes {
         };
         for_each_in_parts(tasks, parts, |task| task.run(centres, order, cells, store, bound));
         if bound.is_spent() {
-            tasks.iter_mut().for_each(|task| task.found = Difference::default());
+            for task in tasks {
+                task.found = Difference::default();
+            }
             return None;
         }
         let mut all = Difference::default();

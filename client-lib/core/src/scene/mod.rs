@@ -212,7 +212,7 @@ impl Scene {
             tested: 0,
             threads: 1,
             asked: Asked::default(),
-            cancel: Cancel::NEVER,
+            cancel: Cancel::never(),
         }
     }
 

@@ -399,7 +399,7 @@ mod tests {
                     &requested,
                     n,
                     threads,
-                    &Cancel::NEVER,
+                    &Cancel::never(),
                     &mut sorted,
                 );
                 assert_eq!(sorted, expected, "{count} pairs of {n} boxes, {threads} threads");

@@ -170,7 +170,7 @@ fn add_exact(
         Shapes::Rays(rays) => Shapes::Rays(&rays[at..=at]),
         Shapes::Spheres(spheres) => Shapes::Spheres(&spheres[at..=at]),
     };
-    let limits = Limits { most_hits: boxes.len() as u64, threads: 1, cancel: &Cancel::NEVER };
+    let limits = Limits { most_hits: boxes.len() as u64, threads: 1, cancel: &Cancel::never() };
     let mut found = Vec::new();
     Among::Boxes(&boxes).cast(shape, Hits::All, &|_, _| true, limits, &mut found)?;
     let own_hit = |hit: &Hit| Hit { query: first.query, index: own[hit.index as usize], ..*hit };

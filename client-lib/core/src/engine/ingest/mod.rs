@@ -56,7 +56,7 @@ impl KeyColumns {
             let mut columns = columns.each_mut().map(|column| &mut column[first..]);
             let mut of_some = Census::default();
             fill(some, &mut columns, &mut of_some, isa);
-            census = census.then(&of_some.from_index(first as u32));
+            census = census.then(&of_some.behind(first as u32));
         }
         for (component, column) in columns.iter_mut().enumerate() {
             let nothing =

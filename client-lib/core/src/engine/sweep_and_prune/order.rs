@@ -204,7 +204,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn check(order: &mut SweepOrder, min: &[i32]) {
-        order.sort(min, &Cancel::NEVER).expect("never cancelled");
+        order.sort(min, &Cancel::never()).expect("never cancelled");
         let mut expected: Vec<u32> = (0..min.len() as u32).collect();
         expected.sort_by_key(|i| (min[*i as usize], *i));
         assert!(order.indices().eq(expected));

@@ -54,7 +54,7 @@ pub fn between(
     most_pairs: u64,
     found: &mut Vec<Pair>,
 ) -> Result<u64, CullError> {
-    between_unless(&Cancel::NEVER, [first, second], threads, most_pairs, found)
+    between_unless(&Cancel::never(), [first, second], threads, most_pairs, found)
 }
 
 /// The same, unless cancelled.

@@ -54,7 +54,7 @@ impl ChangeSorter {
             parts.for_each(|(at, part)| read(at * READ_PAIRS, part));
         }
         // What the device wrote is below `n`; were it not, it is nothing.
-        self.sorter.sorted_from(all, &|pair| pair[0] < n, n, threads, &Cancel::NEVER, pairs);
+        self.sorter.sorted_from(all, &|pair| pair[0] < n, n, threads, &Cancel::never(), pairs);
     }
 
     pub fn changes(

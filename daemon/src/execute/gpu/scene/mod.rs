@@ -163,7 +163,7 @@ impl GpuScene {
             is_open: false,
             sorter: ChangeSorter::default(),
             casts: Casts::default(),
-            cancel: Cancel::NEVER,
+            cancel: Cancel::never(),
             submissions: 0,
             stages: Vec::new(),
         }

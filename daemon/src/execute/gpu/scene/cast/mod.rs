@@ -77,7 +77,7 @@ pub fn is_for_gpu(cast: &Cast<'_>) -> bool {
 
 /// The error of a cast with more hits than may be.
 fn exceeded(cast: &Cast<'_>) -> CullError {
-    Limits { most_hits: cast.most_hits, threads: 1, cancel: &Cancel::NEVER }.exceeded()
+    Limits { most_hits: cast.most_hits, threads: 1, cancel: &Cancel::never() }.exceeded()
 }
 
 impl GpuScene {
