@@ -240,6 +240,9 @@ fn edits_end_at_any_look_and_the_scene_is_made_anew() {
     }
 }
 
+/// What is asked of a scene, and its answer as bytes.
+type Ask<'a> = &'a dyn Fn(&mut Scene) -> Result<Vec<u8>, QueryError>;
+
 #[test]
 fn queries_and_casts_end_at_any_look_and_change_nothing() {
     let (boxes, queries) = edits(40_000);
@@ -255,7 +258,6 @@ fn queries_and_casts_end_at_any_look_and_change_nothing() {
         };
         scene.cast(&cast, found).map(|_| ())
     };
-    type Ask<'a> = &'a dyn Fn(&mut Scene) -> Result<Vec<u8>, QueryError>;
     let query = |scene: &mut Scene, count: usize| {
         let mut found = Vec::new();
         scene.query(&queries[..count], QueryFilterData::None, &mut found)?;

@@ -426,9 +426,9 @@ mod tests {
             };
             let (begun, ended) = (without(&now, &then), without(&then, &now));
             for threads in [1, 3] {
-                let found = Difference::between(&then, &now, &is_another, threads);
+                let found = Difference::between(&then, &now, &is_another, threads, &Cancel::never());
                 prop_assert!(found.begun == begun && found.ended == ended);
-                let back = Difference::between(&now, &then, &is_another, threads);
+                let back = Difference::between(&now, &then, &is_another, threads, &Cancel::never());
                 prop_assert!(back.begun == ended && back.ended == begun);
             }
         }

@@ -259,6 +259,7 @@ impl Batch {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cancel::Cancel;
 
     #[test]
     fn queries_that_overlap_very_many_boxes_find_them_all_and_keep_little_memory() {
@@ -271,7 +272,8 @@ mod tests {
         let cells = Cells::of(&boxes, |_| false, 1);
         let mut memory = Memory::default();
         let mut ask = |queries: &[Aabb], most: u64| {
-            let (room, mut found) = (Room::new(most, queries.len(), count), Vec::new());
+            let cancel = Cancel::never();
+            let (room, mut found) = (Room::new(most, queries.len(), count, &cancel), Vec::new());
             let tested = find(&cells, &boxes, queries, 1, &room, &mut memory, &mut found);
             assert!(!room.tests.is_spent(), "not crowded");
             tested.map(|tested| (tested, found))
