@@ -55,6 +55,7 @@ pub use reply::{ReplyBuffer, ReserveError};
 pub use report::{CullReport, EngineTimes, PairSkips, SkipMeter, StageClock};
 pub(crate) use rules::{PairRules, PairTest, Prepared, sift_each};
 pub use scratch::RecentNeed;
+pub(crate) use sure_pairs::Body;
 pub(crate) use tree::order_by_tree;
 
 pub use crate::isa::{AvailableIsa, Isa, IsaError};

@@ -10,7 +10,6 @@
 use crate::aabb::Aabb;
 use crate::cancel::Cancel;
 use crate::floats;
-use crate::sphere::Sphere;
 use crate::stats::sample_indices;
 
 /// Boxes that are looked at: with fewer, crowds of a tenth of the scene go unseen; more take longer than a frame of
@@ -22,8 +21,7 @@ const SAMPLED_PAIRS: u64 = 2;
 const COORDINATES: usize = 16;
 /// Boxes that are counted from one look to the next, whether there are enough pairs and anybody waits for them.
 const COUNTED_AT_ONCE: usize = 4_096;
-/// Boxes of the larger sample, whose pairs take some ms to test; for spheres, a test of which takes ten times as long, half
-/// as many.
+/// Boxes of the larger sample, whose pairs take some ms to test.
 const MANY_SAMPLED: usize = 2_048;
 /// The exponent of the chance that a scene of no more pairs than fit is refused: once in 10^17 scenes.
 const NO_CHANCE: f64 = 40.0;
@@ -63,26 +61,6 @@ impl Body for Aabb {
     }
 
     const SAMPLED: usize = MANY_SAMPLED;
-}
-
-impl Body for Sphere {
-    /// Of the cube within; not exactly, since each point is tested again.
-    fn inner(&self) -> Aabb {
-        let half = self.radius * 0.577;
-        let face = |x: f32| x.clamp(-f32::MAX, f32::MAX);
-        let [min, max] = [-half, half].map(|half| self.center.map(|x| face(x + half)));
-        Aabb { min, max }
-    }
-
-    fn holds(&self, point: [f32; 3]) -> bool {
-        self.overlaps(&Self { center: point, radius: 0.0 })
-    }
-
-    fn meets(&self, other: &Self) -> bool {
-        self.overlaps(other)
-    }
-
-    const SAMPLED: usize = MANY_SAMPLED / 2;
 }
 
 /// What is seen of the pairs of a scene.
@@ -244,6 +222,7 @@ mod tests {
 
     use super::*;
     use crate::oracle;
+    use crate::sphere::Sphere;
 
     fn of(boxes: &[Aabb], first: Option<usize>, beyond: u64) -> Outlook {
         outlook((boxes.len(), first), |i| boxes.get(i).copied(), beyond, &Cancel::never())

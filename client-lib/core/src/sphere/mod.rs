@@ -20,6 +20,7 @@
 //! Sessions take spheres in place of boxes: `Session::sphere_frame`.
 
 mod all_pairs;
+mod body;
 mod bounds;
 mod columns;
 mod exact;
