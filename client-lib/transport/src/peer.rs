@@ -104,6 +104,10 @@ impl Peer {
         let (bell, their_end) = Bell::pair().map_err(system)?;
         let files = [pool.file().as_fd(), their_end.as_fd()];
         send(socket.as_fd(), &Welcome::new(Door::Open, own.offset()), &files).map_err(system)?;
+        let awaited = std::array::from_fn(|place| {
+            let (theirs, is_gone) = (Arc::clone(&theirs), Arc::clone(&is_gone));
+            Arc::new(Awaited { theirs, is_gone, place, number: AtomicU64::new(0) })
+        });
         Ok(Arc::new(Self {
             sender: Sender { session, process: peer.process },
             socket,
@@ -114,10 +118,7 @@ impl Peer {
             pools: Mutex::new(vec![pool]),
             places: Mutex::default(),
             next: AtomicU64::new(1),
-            awaited: std::array::from_fn(|place| {
-                let (theirs, is_gone) = (Arc::clone(&theirs), Arc::clone(&is_gone));
-                Arc::new(Awaited { theirs, is_gone, place, number: AtomicU64::new(0) })
-            }),
+            awaited,
             is_gone,
             prefix: prefix.to_owned(),
         }))
