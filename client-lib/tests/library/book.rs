@@ -220,7 +220,8 @@ fn every_example_in_rust_is_run() {
         for block in split_fences(&page).0 {
             // A block without a language would be Rust to rustdoc and nothing to mdBook; and one that
             // is not run says nothing.
-            let known = ["rust", "text", "sh", "toml", "ini", "python", "c", "cpp", "cmake"];
+            let known =
+                ["rust", "text", "sh", "toml", "ini", "python", "c", "cpp", "cmake", "yaml"];
             assert!(known.contains(&block.language), "{name}: a block of '{}'", block.language);
         }
     }

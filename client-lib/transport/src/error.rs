@@ -1,11 +1,6 @@
-//! What can go wrong between a client and its daemon.
-
-use std::time::Duration;
-
-use pairmask_wire::ReplyError;
+//! Why a client cannot connect, and steps of the transport that fail.
 
 use crate::process_limits::LimitError;
-use crate::room::PopulateError;
 
 /// Why a client cannot connect.
 #[derive(Debug, thiserror::Error)]
@@ -51,36 +46,4 @@ impl TransportError {
     pub fn new(step: &'static str, detail: &impl std::fmt::Debug) -> Self {
         Self { step, detail: format!("{detail:?}") }
     }
-}
-
-/// Why a request is not sent, or has no answer.
-#[derive(Debug, thiserror::Error)]
-pub enum LinkError {
-    /// All slots for frames are held.
-    #[error("all slots for frames are held")]
-    TooManyFrames,
-    /// /dev/shm is full.
-    #[error(transparent)]
-    OutOfMemory(#[from] PopulateError),
-    /// A limit of this process.
-    #[error(transparent)]
-    Limit(#[from] LimitError),
-    /// The transport gave no memory for the request.
-    #[error(transparent)]
-    NotSent(TransportError),
-    /// The transport failed.
-    #[error(transparent)]
-    Transport(#[from] TransportError),
-    /// The daemon died.
-    #[error("the daemon died")]
-    Died,
-    /// There was no answer within this time.
-    #[error("no answer within {waited:?}")]
-    Timeout {
-        /// How long it was waited for.
-        waited: Duration,
-    },
-    /// The response is malformed.
-    #[error(transparent)]
-    Reply(#[from] ReplyError),
 }

@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 use pairmask_core::pacing::Expected;
 use pairmask_wire::{Page, RequestHeader, ResponseHeader};
 
-use crate::error::LinkError;
 use crate::link::{Link, Slot};
+use crate::link_error::LinkError;
 use crate::sent::{CheckedResponse, SentRequest, SharedFrame, Unsent};
 use crate::vigil::Vigil;
 

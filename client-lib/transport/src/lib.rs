@@ -13,6 +13,7 @@ mod guard;
 mod instance;
 mod limits;
 mod link;
+mod link_error;
 mod liveness;
 mod memory;
 mod peer;
@@ -31,13 +32,14 @@ mod waiting;
 
 pub use cleanup::remove_left_files;
 pub use door::Door;
-pub use error::{LinkError, OpenError, TransportError};
+pub use error::{OpenError, TransportError};
 pub use exchange::{Answer, AnswerMemory, Exchange};
 pub use foreign::foreign_owner;
 pub use guard::install as survive_cut_memory;
 pub use instance::{DaemonRecord, InstanceLock, RuntimeDir};
 pub use limits::{FRAMES_AT_A_TIME, JANITOR_INTERVAL, Limits, quiet_transport_log};
 pub use link::{ConnectFailure, Link, LinkOptions, Slot};
+pub use link_error::LinkError;
 pub use liveness::{
     BEAT_INTERVAL, DaemonWatch, Heartbeat, ProcessWatch, SILENT_AFTER, Stillness, process_name,
 };

@@ -13,10 +13,11 @@ use pairmask_wire::board::{BOARD_PAGES, PLACES};
 use pairmask_wire::{CachedRules, InstanceError, InstanceName, PAGE_BYTES, Version, page_count};
 
 use crate::board::{OwnBoard, TheirBoard};
-use crate::error::{LinkError, OpenError, TransportError};
+use crate::error::{OpenError, TransportError};
 use crate::foreign::foreign_owner;
 use crate::instance::RuntimeDir;
 use crate::limits::FRAMES_AT_A_TIME;
+use crate::link_error::LinkError;
 use crate::liveness::DaemonWatch;
 use crate::pool::{Chunk, Pool};
 use crate::room::PopulateError;

@@ -6,8 +6,9 @@ use std::time::{Duration, Instant};
 use pairmask_core::pacing::Expected;
 use pairmask_core::spinner::Spinner;
 
-use crate::error::{LinkError, TransportError};
+use crate::error::TransportError;
 use crate::link::{Link, lock};
+use crate::link_error::LinkError;
 use crate::sent::SentRequest;
 use crate::vigil::{Seen, Vigil, WAIT_SLICE};
 use crate::waiting::sleep_on;

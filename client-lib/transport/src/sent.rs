@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 use pairmask_wire::board::{Entry, Placed};
 use pairmask_wire::{Page, ReplyError, RequestHeader, ResponseHeader, page_count};
 
-use crate::error::LinkError;
 use crate::link::{Link, Place, Slot, lock};
+use crate::link_error::LinkError;
 use crate::pool::Chunk;
 use crate::process_limits;
 use crate::segment::Segment;

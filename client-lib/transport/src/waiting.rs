@@ -7,7 +7,8 @@ use std::time::{Duration, Instant};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::board::TheirBoard;
-use crate::error::{LinkError, OpenError, TransportError};
+use crate::error::{OpenError, TransportError};
+use crate::link_error::LinkError;
 use crate::liveness::DaemonWatch;
 use crate::pool::Pool;
 use crate::segment::Segment;

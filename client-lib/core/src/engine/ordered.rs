@@ -103,7 +103,8 @@ impl<A: Arrangement> Engine for Ordered<A> {
         };
         let mut budget = new_budget(reply)?;
         let get = |index: usize| boxes.get(index).copied();
-        let is_counted_first = input.rules.pass_all() && budget.look_at(get, None)?;
+        let is_counted_first = input.rules.pass_all()
+            && budget.look_at(get, None).inspect_err(|_| give_words_back(&mut self.tasks))?;
         let threads = if boxes.len() < A::PARALLEL_BOXES { 1 } else { input.threads.max(1) };
         let _team = team::enter(threads);
         let mut clock = StageClock::start();
@@ -150,6 +151,13 @@ impl<A: Arrangement> Engine for Ordered<A> {
     }
 }
 
+/// After a refusal: the next frame is not expected to have as many.
+fn give_words_back<Own>(tasks: &mut [StripTask<Own>]) {
+    for task in tasks {
+        task.found.give_back();
+    }
+}
+
 /// Writes the mask of what tasks have found; returns where it lies, and its pairs. After a refusal the words'
 /// memory is given back; not where nobody waits any more, since that takes as long as some of the work.
 pub(crate) fn publish<Own: Sync>(
@@ -164,9 +172,7 @@ pub(crate) fn publish<Own: Sync>(
         Ok(shape) => Ok((shape, tasks.iter().map(|task| task.found.pair_count()).sum())),
         Err(error) => {
             if error != CullError::Cancelled {
-                for task in tasks {
-                    task.found.give_back();
-                }
+                give_words_back(tasks);
             }
             Err(error)
         }

@@ -63,6 +63,13 @@ impl BruteForce {
         }
     }
 
+    /// After a refusal: the next frame is not expected to have as many.
+    fn give_words_back(&mut self) {
+        for task in &mut self.tasks {
+            task.found = WordList::default();
+        }
+    }
+
     /// Finds all words and writes them, while they are found where the encoding allows it.
     fn publish(
         &mut self,
@@ -139,7 +146,8 @@ impl Engine for BruteForce {
         let (boxes, n) = input.f32_boxes(EngineName::CpuBrute)?;
         let budget = &WordBudget::new(n, input.encoding, false, reply)?;
         if input.rules.pass_all() {
-            budget.look_at(|index| boxes.get(index).copied(), None)?;
+            let looked = budget.look_at(|index| boxes.get(index).copied(), None);
+            looked.inspect_err(|_| self.give_words_back())?;
         }
         let gather = &Gather { budget, rules: input.rules, order: &[], isa: self.isa, keeps: true };
         let threads = split::threads_for(boxes.len(), input.threads);
@@ -150,9 +158,7 @@ impl Engine for BruteForce {
         input.rules.prepare(boxes.len(), &[], input.threads);
         clock.ingested();
         let published = self.publish(gather, input.encoding, &mut clock, reply);
-        let shape = published.inspect_err(|_| {
-            self.tasks.iter_mut().for_each(|task| task.found = WordList::default());
-        })?;
+        let shape = published.inspect_err(|_| self.give_words_back())?;
         let pair_count = self.tasks.iter().map(|task| task.pair_count).sum();
         let compared = self.tasks.iter().map(|task| task.compared).sum();
         let times = clock.published();
