@@ -182,8 +182,12 @@ impl Door {
             Err(_) => return,
         };
         let Ok(peer) = peer_of(socket.as_fd()) else { return };
-        if peer.user != rustix::process::geteuid().as_raw() || knocking.len() >= MOST_SILENT {
+        if peer.user != rustix::process::geteuid().as_raw() {
             return;
+        }
+        if knocking.len() >= MOST_SILENT {
+            // The one that has been silent for longest.
+            knocking.remove(0);
         }
         let data = EventData::new_u64(socket.as_raw_fd() as u64);
         if epoll::add(&self.sockets, &socket, data, EventFlags::IN | EventFlags::RDHUP).is_ok() {
@@ -304,12 +308,11 @@ impl Door {
         for peer in self.peers() {
             peer.tidy(idle, &mut release);
         }
+        // Out of the lock: it may take until a GPU is free, and the door would wait for that.
+        let mut ended = std::mem::take(&mut *lock(&self.ended));
         // Requests under way hold their client.
-        let is_done =
-            |peer: &mut Arc<Peer>| Arc::strong_count(peer) == 1 && peer.is_released(&mut release);
-        let done: Vec<_> = lock(&self.ended).extract_if(.., is_done).collect();
-        // To unmap memory takes a while.
-        drop(done);
+        ended.retain(|peer| Arc::strong_count(peer) > 1 || !peer.is_released(&mut release));
+        lock(&self.ended).append(&mut ended);
     }
 
     /// Numbers of all segments of clients that are mapped.

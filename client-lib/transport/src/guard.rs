@@ -7,6 +7,7 @@
 //! takes signals.
 #![allow(unsafe_code)]
 
+use std::io;
 use std::mem::MaybeUninit;
 use std::ptr;
 use std::sync::OnceLock;
@@ -14,9 +15,9 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use rustix::mm::{MapFlags, ProtFlags, mmap_anonymous};
 
-/// Segments that are watched over at a time, at most: those of 100 clients that have grown ten times. What is beyond
-/// is not watched over.
-const PLACES: usize = 1024;
+/// Segments that are watched over at a time, at most: all that 100 clients may have, on both sides. What is beyond is not
+/// mapped.
+const PLACES: usize = 4096;
 
 /// A range that is watched over; free where `end` is 0. A handler of signals may read nothing that a lock guards.
 struct Place {
@@ -41,9 +42,14 @@ static BEFORE: OnceLock<libc::sigaction> = OnceLock::new();
 pub(super) struct Guarded(usize);
 
 impl Guarded {
-    /// Watches over a mapping; `None` where nothing is installed, or no place is left.
-    pub(super) fn watch(start: usize, bytes: usize, is_writable: bool) -> Option<Self> {
-        BEFORE.get()?;
+    /// Watches over a mapping; `None` where nothing is installed.
+    ///
+    /// # Errors
+    /// Out of memory, where no place is left.
+    pub(super) fn watch(start: usize, bytes: usize, is_writable: bool) -> io::Result<Option<Self>> {
+        if BEFORE.get().is_none() {
+            return Ok(None);
+        }
         let take = |place: &Place| {
             let taken = place.start.compare_exchange(
                 usize::MAX,
@@ -53,10 +59,10 @@ impl Guarded {
             );
             taken.is_ok()
         };
-        let at = WATCHED.iter().position(take)?;
+        let at = WATCHED.iter().position(take).ok_or(io::ErrorKind::OutOfMemory)?;
         WATCHED[at].is_writable.store(is_writable, Ordering::Relaxed);
         WATCHED[at].end.store(start + bytes, Ordering::Release);
-        Some(Self(at))
+        Ok(Some(Self(at)))
     }
 }
 
@@ -71,7 +77,7 @@ impl Drop for Guarded {
 ///
 /// # Errors
 /// The system's.
-pub fn install() -> std::io::Result<()> {
+pub fn install() -> io::Result<()> {
     if BEFORE.get().is_some() {
         return Ok(());
     }
@@ -85,7 +91,7 @@ pub fn install() -> std::io::Result<()> {
     // handler may: it reads atomics, maps pages, and sets a handler.
     let done = unsafe { libc::sigaction(libc::SIGBUS, &raw const action, before.as_mut_ptr()) };
     if done != 0 {
-        return Err(std::io::Error::last_os_error());
+        return Err(io::Error::last_os_error());
     }
     // SAFETY: the call has filled it in.
     let _ = BEFORE.set(unsafe { before.assume_init() });

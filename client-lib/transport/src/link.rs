@@ -22,7 +22,7 @@ use crate::liveness::DaemonWatch;
 use crate::pool::{Chunk, Pool};
 use crate::room::PopulateError;
 use crate::segment::Segment;
-use crate::socket::{self, Bell, Hello, Received, Welcome, connect_to};
+use crate::socket::{self, Bell, Door, Hello, Received, Welcome, connect_to};
 use crate::vigil::{LeftDaemon, Watched};
 use crate::waiting::Waits;
 
@@ -64,12 +64,17 @@ pub enum ConnectFailure {
 /// Pieces of memory for requests: of those that are under way, of frames that are being filled, and the board.
 const PIECES: usize = PLACES + FRAMES_AT_A_TIME + 1;
 
+/// Segments that a daemon may have for a client: it doubles them, from a megabyte on.
+const MOST_SEGMENTS: usize = 32;
+
 /// Memory for requests.
 #[derive(Debug)]
 struct Memory {
     pool: Pool,
     /// Number of its segment on the wire.
     segment: u64,
+    /// Number of the last segment that was sent: there is one more where the daemon was not heard of afterwards.
+    last_sent: u64,
 }
 
 /// What the daemon has sent over the socket.
@@ -184,29 +189,29 @@ impl Link {
         let record = dir.record(instance).map_err(not_ours)?.ok_or_else(no_daemon)?;
         let watch = dir.watch(instance, Some(&record)).map_err(not_ours)?;
         let daemon = Arc::new(watch.ok_or_else(no_daemon)?);
-        let mismatch = ConnectFailure::OtherVersion(record.version);
         if !record.version.serves_this_build() {
-            return Err(mismatch);
+            return Err(ConnectFailure::OtherVersion(record.version));
         }
         let open = |error| match error {
             OpenError::NotServed => no_daemon(),
-            OpenError::Incompatible => mismatch,
+            OpenError::Incompatible => ConnectFailure::OtherVersion(record.version),
             error => ConnectFailure::Open(error),
         };
-        let socket = connect_to(&dir.socket_file(instance)).map_err(not_ours)?;
         let pages = page_count(BoxForm::F32.bytes(capacity.unwrap_or(RESERVED_BOXES))) as usize;
         let prefix = dir.shm_prefix(instance);
-        let waits = Waits { socket: socket.as_fd(), daemon: &daemon, leaves_silent };
-        let let_in = || {
+        let memory = || {
             let pool = Pool::new(&prefix, pages.max(BOARD_PAGES), PIECES)?;
             let own = OwnBoard::new(&pool).map_err(|_| OpenError::OutOfMemory)?;
-            let let_in = waits.be_let_in(&pool, own.offset())?;
-            Ok((pool, own, let_in))
+            Ok((pool, own))
         };
-        let (pool, own, (segment, theirs, bell)) = let_in().map_err(open)?;
+        // Before the daemon is asked, which waits for no client that is not ready.
+        let (pool, own) = memory().map_err(open)?;
+        let socket = connect_to(&dir.socket_file(instance)).map_err(not_ours)?;
+        let waits = Waits { socket: socket.as_fd(), daemon: &daemon, leaves_silent };
+        let (segment, theirs, bell) = waits.be_let_in(&pool, own.offset()).map_err(open)?;
         let link = Self {
             token: RandomState::new().build_hasher().finish(),
-            memory: Mutex::new(Memory { pool, segment: 0 }),
+            memory: Mutex::new(Memory { pool, segment: 0, last_sent: 0 }),
             own,
             theirs,
             socket,
@@ -289,24 +294,28 @@ impl Link {
                 }
                 other => LinkError::NotSent(TransportError::new("making a larger segment", &other)),
             })?;
-            self.send_segment(&pool, memory.segment + 1)?;
+            let segment = self.send_segment(&pool, &mut memory.last_sent)?;
             memory.pool.retire();
-            *memory = Memory { pool, segment: memory.segment + 1 };
+            (memory.pool, memory.segment) = (pool, segment);
         }
         Ok((memory.pool.lend(pages)?, memory.segment))
     }
 
-    /// Sends a further segment, and waits until the daemon has mapped it.
-    fn send_segment(&self, pool: &Pool, number: u64) -> Result<(), LinkError> {
+    /// Sends a further segment, and waits until the daemon has mapped it. Its number.
+    fn send_segment(&self, pool: &Pool, last_sent: &mut u64) -> Result<u64, LinkError> {
         let failed =
             |what: &dyn std::fmt::Debug| TransportError::new("sending a larger segment", &what);
         socket::send(self.socket.as_fd(), &Hello::new(0), &[pool.file().as_fd()])
             .map_err(|e| LinkError::NotSent(failed(&e)))?;
-        let waits = self.waits();
-        waits.until(|| {
-            self.take_messages();
-            (lock(&self.inbox).mapped > number).then_some(())
-        })
+        *last_sent += 1;
+        let number = *last_sent;
+        self.waits().until(|| {
+            let is_open = self.take_messages();
+            if lock(&self.inbox).mapped > number {
+                return Some(Ok(number));
+            }
+            (!is_open).then_some(Err(LinkError::Died))
+        })?
     }
 
     fn waits(&self) -> Waits<'_> {
@@ -314,16 +323,28 @@ impl Link {
         Waits { socket, daemon: &self.daemon, leaves_silent }
     }
 
-    /// Takes what the daemon has sent over the socket.
-    fn take_messages(&self) {
+    /// Takes what the daemon has sent over the socket. Whether the socket is open.
+    fn take_messages(&self) -> bool {
         let mut inbox = lock(&self.inbox);
-        while let Received::Message(_, files) = socket::receive::<Welcome>(self.socket.as_fd()) {
-            match files.into_iter().next() {
-                // One that cannot be mapped keeps its number.
-                Some(file) => inbox.segments.push(Segment::map(file).map(Arc::new).ok()),
-                None => inbox.mapped += 1,
+        // A daemon sends less at a time than it has segments.
+        for _ in 0..MOST_SEGMENTS {
+            let (welcome, files) = match socket::receive::<Welcome>(self.socket.as_fd()) {
+                Received::Message(welcome, files) => (welcome, files),
+                Received::Nothing => return true,
+                Received::End => return false,
+            };
+            match welcome.door() {
+                Some(Door::Mapped) => inbox.mapped += 1,
+                Some(Door::Open) if inbox.segments.len() < MOST_SEGMENTS => {
+                    // One that does not come, or cannot be mapped, keeps its number.
+                    let file = files.into_iter().next();
+                    let segment = file.and_then(|file| Segment::map(file, usize::MAX).ok());
+                    inbox.segments.push(segment.map(Arc::new));
+                }
+                _ => {}
             }
         }
+        true
     }
 
     /// A segment of the daemon's by its number; `None` where it has sent no such one.

@@ -21,8 +21,12 @@ use crate::socket::{Bell, Door, PeerProcess, Welcome, send};
 /// address space on either side.
 const SMALLEST_PAGES: usize = 256;
 
-/// Segments that a client may send: one that doubles its memory from a page on has had less.
-const MOST_SEGMENTS: usize = 64;
+/// Segments that a client may send: one that doubles its memory from 65,536 boxes on has had less.
+const MOST_SEGMENTS: usize = 16;
+
+/// Bytes that the segments of a client may have together, most of them holes: so many that a frame of a billion boxes has
+/// room, and so few that a hundred clients leave the worker more than half of its address space.
+const MOST_BYTES: usize = 1 << 39;
 
 /// Who sends a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,7 +98,7 @@ impl Peer {
         prefix: &str,
     ) -> Result<Arc<Self>, OpenError> {
         let system = |e: std::io::Error| TransportError::new("letting a client in", &e);
-        let segment = Arc::new(Segment::map(segment).map_err(system)?);
+        let segment = Arc::new(Segment::map(segment, MOST_BYTES).map_err(system)?);
         let theirs = TheirBoard::at(Arc::clone(&segment), board).ok_or(OpenError::Incompatible)?;
         let (theirs, is_gone) = (Arc::new(theirs), Arc::new(AtomicBool::new(false)));
         let pool = Pool::new(prefix, SMALLEST_PAGES, PLACES + 1)?;
@@ -149,14 +153,17 @@ impl Peer {
 
     /// Adds a further segment of the client's. Whether it may have one more.
     pub(super) fn add_segment(&self, file: OwnedFd) -> bool {
-        let Ok(segment) = Segment::map(file) else { return false };
+        let mapped: usize = lock(&self.segments).iter().map(|segment| segment.bytes()).sum();
+        let Ok(segment) = Segment::map(file, MOST_BYTES.saturating_sub(mapped)) else {
+            return false;
+        };
         let mut segments = lock(&self.segments);
         let may = segments.len() < MOST_SEGMENTS;
         if may {
             segments.push(Arc::new(segment));
         }
         drop(segments);
-        may && send(self.socket.as_fd(), &Welcome::new(Door::Open, 0), &[]).is_ok()
+        may && send(self.socket.as_fd(), &Welcome::new(Door::Mapped, 0), &[]).is_ok()
     }
 
     /// Numbers of its segments.
@@ -174,10 +181,12 @@ impl Peer {
         self.own.wakes_up();
     }
 
-    /// Where the next request is, if it has come.
+    /// Where the next request is, if it has come and its place is free.
     pub(super) fn has_sent(&self) -> Option<usize> {
         let next = self.next.load(Ordering::Relaxed);
-        (0..PLACES).find(|place| self.theirs.sent(*place) == next)
+        let place = (0..PLACES).find(|place| self.theirs.sent(*place) == next)?;
+        // A client that does not wait until its place is free waits now, and nobody looks for it all the time.
+        (!lock(&self.places)[place].is_held).then_some(place)
     }
 
     /// Takes the requests that have come. One thread does so at a time.
@@ -185,10 +194,6 @@ impl Peer {
         // No more than there may be: others are looked at too.
         for _ in 0..PLACES {
             let Some(place) = self.has_sent() else { return };
-            if lock(&self.places)[place].is_held {
-                // A client that does not wait until its place is free waits now.
-                return;
-            }
             let number = self.next.fetch_add(1, Ordering::Relaxed);
             self.awaited[place].number.store(number, Ordering::Relaxed);
             if let Some(request) = self.take(place, number) {
@@ -269,7 +274,7 @@ impl Peer {
                 known.answer = None;
             }
         }
-        for pool in lock(&self.pools).iter() {
+        for pool in self.pools() {
             pool.tidy(idle, &mut release);
         }
     }
@@ -277,8 +282,12 @@ impl Peer {
     /// Whether others have let go of all of its memory for answers, as far as `release` says so of a range.
     pub fn is_released(&self, mut release: impl FnMut(&Range<usize>) -> bool) -> bool {
         // Each is asked: one that is used still does not keep the others.
-        let pools = lock(&self.pools);
-        pools.iter().filter(|pool| !release(&pool.range())).count() == 0
+        self.pools().iter().filter(|pool| !release(&pool.range())).count() == 0
+    }
+
+    /// The pools as they are now: who waits for others while it goes through them would hold those up that lend.
+    fn pools(&self) -> Vec<Pool> {
+        lock(&self.pools).clone()
     }
 }
 

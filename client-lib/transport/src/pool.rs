@@ -13,6 +13,7 @@ use std::fs::{self, File};
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::mem::MaybeUninit;
 use std::ops::Range;
+use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -43,7 +44,7 @@ type Loan = SampleMutUninit<Service, [MaybeUninit<Page>], ()>;
 const KEPT_BYTES: usize = PAGE_BYTES;
 
 /// Pieces of equal size in one segment, lent one by one.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Pool(Arc<Inner>);
 
 #[derive(Debug)]
@@ -54,8 +55,10 @@ struct Inner {
     _guarded: Option<Guarded>,
     _publisher: Publisher<Service, [Page], ()>,
     file: File,
-    /// Where the segment is mapped.
+    /// Where the segment's file begins.
     start: usize,
+    /// Where it is mapped. Its file may be cut by who has a descriptor of it.
+    range: Range<usize>,
     pages: usize,
 }
 
@@ -76,6 +79,8 @@ struct Piece {
     present: usize,
     /// When more than half of them were needed last.
     needed_at: Instant,
+    /// The process that made it.
+    process: u32,
 }
 
 // SAFETY: nothing is done with a loan by reference: it is held, and dropped by its owner.
@@ -106,8 +111,11 @@ impl Piece {
 
 impl Drop for Piece {
     fn drop(&mut self) {
-        // The other side may hold the segment mapped for long.
-        self.remove_pages();
+        // The other side may hold the segment mapped for long. A child of this process that ends has part in the memory
+        // too, and leaves it to its parent.
+        if self.process == std::process::id() {
+            self.remove_pages();
+        }
     }
 }
 
@@ -141,11 +149,18 @@ impl Pool {
             let mapping = Mapping::around(first).map_err(failed)?;
             let mapping = mapping.ok_or_else(|| TransportError::new("finding a segment", &()))?;
             let file = File::open(&mapping.path).map_err(failed)?;
-            make_private(&mapping, &pieces, pages * PAGE_BYTES).map_err(failed)?;
-            let guarded = Guarded::watch(mapping.start, mapping.end - mapping.start, true);
+            let range = mapping.start..mapping.end;
+            let guarded = Guarded::watch(range.start, range.len(), true).map_err(failed)?;
+            let named = Path::new(SHM_DIR).join(&prefix);
+            let is_its =
+                |of: &Mapping| of.path.as_bytes().starts_with(named.as_os_str().as_bytes());
+            for its in Mapping::all().map_err(failed)?.iter().filter(|of| is_its(of)) {
+                let pieces = if its.start == mapping.start { &pieces[..] } else { &[] };
+                make_private(its, pieces, pages * PAGE_BYTES).map_err(failed)?;
+            }
             let start = mapping.start - mapping.file_offset as usize;
             let free = Mutex::new(Free { pieces, is_retired: false });
-            Ok(Inner { free, _guarded: guarded, _publisher: publisher, file, start, pages })
+            Ok(Inner { free, _guarded: guarded, _publisher: publisher, file, start, range, pages })
         });
         for named in shared_files(&prefix) {
             // What is mapped stays, with no name.
@@ -182,14 +197,18 @@ impl Pool {
         let piece = self.0.free().pieces.pop().ok_or(none)?;
         let (first, present) = (piece.first, piece.present);
         let mut chunk = Chunk { piece: Some(piece), first, pages, pool: Arc::clone(&self.0) };
-        populate_beyond(chunk.pages_mut(), present)?;
+        let populated = populate_beyond(chunk.pages_mut(), present);
         if let Some(piece) = &mut chunk.piece {
             piece.present = present.max(bytes);
             if 2 * bytes > piece.present {
                 piece.needed_at = Instant::now();
             }
+            if populated.is_err() {
+                // Some pages may have become present before there was no more memory.
+                piece.remove_pages();
+            }
         }
-        Ok(chunk)
+        populated.map(|()| chunk)
     }
 
     /// Has pieces that come back dropped: another pool takes this one's place.
@@ -228,8 +247,7 @@ impl Pool {
 
     /// Where the segment's pieces lie in this process.
     pub fn range(&self) -> Range<usize> {
-        let bytes = self.0.file.metadata().map_or(0, |data| data.len() as usize);
-        self.0.start..self.0.start + bytes
+        self.0.range.clone()
     }
 }
 
@@ -248,12 +266,19 @@ impl Piece {
             .loan_slice_uninit(pages)
             .map_err(|e| TransportError::new("lending memory", &e))?;
         let first = loan.payload_mut().as_mut_ptr().expose_provenance();
-        Ok(Self { _loan: Box::new(loan), first, present: 0, needed_at: Instant::now() })
+        Ok(Self {
+            _loan: Box::new(loan),
+            first,
+            present: 0,
+            needed_at: Instant::now(),
+            process: std::process::id(),
+        })
     }
 }
 
-/// Takes what is not lent out of the segment: iceoryx2 keeps its bookkeeping there, beside and between the pieces, and
-/// goes by what it reads in it. From now on it reads memory that no other process has.
+/// Takes what is not lent out of a mapping: iceoryx2 keeps its bookkeeping there, beside and between the pieces, and goes by
+/// what it reads in it. From now on it reads memory that no other process has. For the millisecond before, the files have
+/// names, by which a process of this user could open them.
 fn make_private(mapping: &Mapping, pieces: &[Piece], bytes: usize) -> std::io::Result<()> {
     let mut firsts: Vec<usize> = pieces.iter().map(|piece| piece.first).collect();
     firsts.sort_unstable();
@@ -266,8 +291,8 @@ fn make_private(mapping: &Mapping, pieces: &[Piece], bytes: usize) -> std::io::R
         }
         let own = || std::ptr::with_exposed_provenance_mut::<std::ffi::c_void>(start);
         let (access, flags) = (ProtFlags::READ | ProtFlags::WRITE, MapFlags::PRIVATE);
-        // SAFETY: the pages are those of a mapping of this process, between pieces that are lent. Nobody else knows them
-        // yet, and their bytes are put back before this thread goes on. They stay mapped where they are.
+        // SAFETY: the pages are those of a mapping of this process, between pieces that are lent. No other thread of it
+        // knows them yet, and their bytes are put back before this one goes on. They stay mapped where they are.
         unsafe {
             let kept = std::slice::from_raw_parts(own().cast::<u8>(), bytes).to_vec();
             madvise(own(), bytes, Advice::LinuxRemove)?;

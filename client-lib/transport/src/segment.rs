@@ -10,7 +10,7 @@ use std::ptr;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use pairmask_wire::{PAGE_BYTES, Page};
-use rustix::fs::{fcntl_get_seals, makedev};
+use rustix::fs::{FsWord, fcntl_get_seals, fstatfs, makedev};
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 
 use crate::guard::Guarded;
@@ -40,9 +40,17 @@ impl Mapping {
     /// # Errors
     /// Where the process may not read its own table.
     pub fn around(address: usize) -> std::io::Result<Option<Self>> {
-        let maps = std::fs::read_to_string("/proc/self/maps")?;
-        let mut all = maps.lines().filter_map(Self::parse);
+        let mut all = Self::all()?.into_iter();
         Ok(all.find(|mapping| (mapping.start..mapping.end).contains(&address)))
+    }
+
+    /// All mappings of this process. As slow.
+    ///
+    /// # Errors
+    /// As [`around`](Self::around).
+    pub fn all() -> std::io::Result<Vec<Self>> {
+        let maps = std::fs::read_to_string("/proc/self/maps")?;
+        Ok(maps.lines().filter_map(Self::parse).collect())
     }
 
     /// Parses `start-end permissions offset device inode path`.
@@ -65,6 +73,9 @@ impl Mapping {
     }
 }
 
+/// The file system of shared memory.
+const TMPFS_MAGIC: FsWord = 0x0102_1994;
+
 /// Segments that this process has mapped so far, for their numbers.
 static MAPPED: AtomicU64 = AtomicU64::new(0);
 
@@ -81,17 +92,21 @@ pub struct Segment {
 }
 
 impl Segment {
-    /// Maps the file behind a descriptor for reading.
+    /// Maps the file behind a descriptor for reading, of so many bytes at most.
     ///
     /// # Errors
-    /// The system's, or where it is no shared memory with whole pages.
-    pub fn map(file: OwnedFd) -> std::io::Result<Self> {
-        // Only memory has seals: whoever asks for the size of another file, or reads it, may wait for its owner.
+    /// The system's, or where it is no shared memory with whole pages, or too large.
+    pub fn map(file: OwnedFd, most: usize) -> std::io::Result<Self> {
+        // Only memory has seals: whoever asks for the size of another file, or reads it, may wait for its owner. Huge
+        // pages have them too; one that is missing could not be replaced.
         fcntl_get_seals(&file)?;
+        if fstatfs(&file)?.f_type != TMPFS_MAGIC {
+            return Err(std::io::ErrorKind::InvalidInput.into());
+        }
         let file = File::from(file);
         let data = file.metadata()?;
         let bytes = usize::try_from(data.len()).unwrap_or(usize::MAX) / PAGE_BYTES * PAGE_BYTES;
-        if bytes == 0 {
+        if bytes == 0 || bytes > most {
             return Err(std::io::ErrorKind::InvalidInput.into());
         }
         let flags = MapFlags::SHARED | MapFlags::NORESERVE;
@@ -100,12 +115,20 @@ impl Segment {
             unsafe { mmap(ptr::null_mut(), bytes, ProtFlags::READ, flags, file.as_fd(), 0) }?;
         let start = start.expose_provenance();
         let id = MAPPED.fetch_add(1, Ordering::Relaxed);
-        Ok(Self { guarded: Guarded::watch(start, bytes, false), id, start, bytes, _file: file })
+        let mut segment = Self { guarded: None, id, start, bytes, _file: file };
+        // Without a guard it is unmapped again.
+        segment.guarded = Guarded::watch(start, bytes, false)?;
+        Ok(segment)
     }
 
     /// A number that no other segment of this process has, or will have.
     pub const fn id(&self) -> u64 {
         self.id
+    }
+
+    /// Its size.
+    pub const fn bytes(&self) -> usize {
+        self.bytes
     }
 
     /// Address of `bytes` bytes at a page of the segment; `None` where they do not lie in it.

@@ -67,6 +67,8 @@ pub enum Door {
     NoMemory = 2,
     /// It does not understand the client.
     Refused = 3,
+    /// It has mapped a further segment of the client's.
+    Mapped = 4,
 }
 
 impl Hello {
@@ -86,7 +88,7 @@ impl Welcome {
 
     /// What the daemon says; `None` of one that this build does not know.
     pub fn door(&self) -> Option<Door> {
-        let all = [Door::Open, Door::Full, Door::NoMemory, Door::Refused];
+        let all = [Door::Open, Door::Full, Door::NoMemory, Door::Refused, Door::Mapped];
         all.into_iter().find(|door| *door as u32 == self.door)
     }
 }

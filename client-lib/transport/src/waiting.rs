@@ -11,6 +11,7 @@ use crate::error::{OpenError, TransportError};
 use crate::link_error::LinkError;
 use crate::liveness::DaemonWatch;
 use crate::pool::Pool;
+use crate::process_limits;
 use crate::segment::Segment;
 use crate::socket::{Bell, Door, Hello, Received, Welcome, receive, send};
 use crate::vigil::{Seen, Vigil, WAIT_SLICE, Watched};
@@ -69,12 +70,17 @@ impl Waits<'_> {
             Some(Door::Open) => {}
             Some(Door::Full) => return Err(OpenError::TooManyClients),
             Some(Door::NoMemory) => return Err(OpenError::DaemonFull),
-            Some(Door::Refused) | None => return Err(OpenError::Incompatible),
+            Some(Door::Refused | Door::Mapped) | None => return Err(OpenError::Incompatible),
         }
         let Ok([segment, bell]) = <[OwnedFd; 2]>::try_from(files) else {
-            return Err(OpenError::Incompatible);
+            // Descriptors for which this process has no room do not come.
+            let limit = process_limits::no_files_left();
+            return Err(limit.map_or(OpenError::Incompatible, OpenError::Limit));
         };
-        let segment = Arc::new(Segment::map(segment).map_err(|e| failed(&e))?);
+        let segment = Segment::map(segment, usize::MAX).map_err(|e| {
+            process_limits::behind(0).map_or_else(|| failed(&e).into(), OpenError::Limit)
+        })?;
+        let segment = Arc::new(segment);
         let board = TheirBoard::at(Arc::clone(&segment), welcome.board);
         Ok((segment, board.ok_or(OpenError::Incompatible)?, Bell::of(bell)))
     }

@@ -64,7 +64,7 @@ fn limited(sandbox: &Sandbox, limits: &str, arguments: &str) -> Child {
 }
 
 #[test]
-fn a_daemon_reserves_what_its_address_space_allows() {
+fn a_daemon_serves_in_little_address_space() {
     let sandbox = Sandbox::new();
     let child = limited(&sandbox, "ulimit -v 8000000", "serve");
     let serving = Serving::of(child, RuntimeDir::at(sandbox.path()), "default");
@@ -74,8 +74,6 @@ fn a_daemon_reserves_what_its_address_space_allows() {
     drop((mask, session));
     let finished = serving.stop(Signal::TERM);
     assert_eq!(finished.code, Some(0), "{finished:?}");
-    let warnings = finished.stderr.matches("RLIMIT_AS").count();
-    assert_eq!(warnings, 1, "{finished:?}");
 }
 
 #[test]
@@ -84,7 +82,7 @@ fn more_clients_than_files_are_refused() {
     let finished = finish(limited(&sandbox, "ulimit -n 1024", "serve --max-clients 200"));
     let error = finished.error(1);
     assert!(error.contains("200 clients") && error.contains("RLIMIT_NOFILE"), "{error}");
-    assert!(error.contains("--max-clients 89"), "{error}");
+    assert!(error.contains("--max-clients 56"), "{error}");
     // The soft limit alone is raised.
     let child = limited(&sandbox, "ulimit -Sn 64", "serve --max-clients 200");
     let serving = Serving::of(child, RuntimeDir::at(sandbox.path()), "default");

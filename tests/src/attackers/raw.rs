@@ -147,6 +147,17 @@ fn hear(socket: &OwnedFd) -> Option<(u32, u64, Vec<OwnedFd>)> {
     (heard.bytes == 16).then_some((word, board, files))
 }
 
+const VERSION: u32 = VERSION_MAJOR as u32 | (VERSION_MINOR as u32) << 16;
+
+/// Asks to be let in with this memory: the place of the daemon's board, and its descriptors.
+pub fn ask_in(dir: &RuntimeDir, memory: &OwnedFd) -> Option<(OwnedFd, u64, Vec<OwnedFd>)> {
+    let (socket, address) = socket_at(&socket_path(dir))?;
+    connect(&socket, &address).ok()?;
+    say(&socket, VERSION, 0, &[memory])?;
+    let (_, board, files) = hear(&socket)?;
+    Some((socket, board, files))
+}
+
 /// Connects, says these bytes, and nothing else.
 pub fn knock(dir: &RuntimeDir, bytes: &[u8]) -> Option<OwnedFd> {
     let (socket, address) = socket_at(&socket_path(dir))?;
@@ -161,6 +172,7 @@ pub struct RawClient {
     pub socket: OwnedFd,
     /// A board, and as many pieces as there are places.
     pub memory: Memory,
+    pub their_file: OwnedFd,
     pub theirs: Mapped,
     pub their_board: Board,
     bell: OwnedFd,
@@ -200,16 +212,21 @@ impl RawClient {
 
     /// As [`Self::connect`], in another directory.
     pub fn connect_at(dir: &RuntimeDir, pages: usize) -> Option<Self> {
-        let (socket, address) = socket_at(&socket_path(dir))?;
-        connect(&socket, &address).ok()?;
         let memory = Memory::new(BOARD_PAGES + PLACES * pages)?;
-        let version = u32::from(VERSION_MAJOR) | u32::from(VERSION_MINOR) << 16;
-        say(&socket, version, 0, &[&memory.file])?;
-        let (_, board, files) = hear(&socket)?;
+        let (socket, board, files) = ask_in(dir, &memory.file)?;
         let [segment, bell] = <[OwnedFd; 2]>::try_from(files).ok()?;
         let theirs = Mapped::of(&segment, false)?;
         let their_board = Board(theirs.start + board as usize);
-        Some(Self { socket, memory, theirs, their_board, bell, pages, next: Cell::new(1) })
+        Some(Self {
+            socket,
+            memory,
+            their_file: segment,
+            theirs,
+            their_board,
+            bell,
+            pages,
+            next: Cell::new(1),
+        })
     }
 
     /// As [`Self::connect`], as soon as there is a daemon.
@@ -261,6 +278,11 @@ impl RawClient {
         self.board().send(place, number, placed, header);
         self.wake();
         RawPending { client: self, place, number }
+    }
+
+    /// Sends a further segment. Whether the daemon has mapped it.
+    pub fn add_segment(&self, file: &OwnedFd) -> bool {
+        say(&self.socket, VERSION, 0, &[file]).is_some() && hear(&self.socket).is_some()
     }
 
     /// Wakes the daemon.
@@ -354,7 +376,7 @@ pub fn serve(
         for peer in &mut peers {
             if hear(&peer.socket).is_some() {
                 // A further segment, which this daemon does not read.
-                let _ = say(&peer.socket, 0, 0, &[]);
+                let _ = say(&peer.socket, 4, 0, &[]);
             }
             for place in 0..PLACES {
                 let number = peer.theirs.sent(place);

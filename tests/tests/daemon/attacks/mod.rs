@@ -8,17 +8,19 @@ mod daemons;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::io::Read;
+use std::os::fd::AsRawFd;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use pairmask::{SceneEdit, SceneOptions};
 use pairmask_tests::attack_time;
-use pairmask_tests::attackers::raw;
+use pairmask_tests::attackers::raw::{self, Memory, RawClient, write};
 use pairmask_tests::attackers::shared::SHARED_SCENE;
 use pairmask_tests::daemon::program;
 use pairmask_tests::filtered_frames::{FilteredFrame, KINDS};
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{Edits, Grouped, Kind, SessionScene, hold};
+use rustix::fs::{MemfdFlags, ftruncate, memfd_create};
 
 fn scene(n: u32, seed: u64) -> Vec<Aabb> {
     stress_scenes::named("uniform").boxes(n, seed)
@@ -240,6 +242,61 @@ fn ruined_memory_is_nobody_elses() {
         assert!(counts["rounds"] > 10, "{counts:?}");
         assert_eq!((lived.restarts, lived.here), (0, 0), "{mode}: {lived:?}");
     }
+}
+
+/// Memory that is none, or more than there may be, and memory of the daemon's that is cut by its descriptor.
+#[test]
+fn odd_memory_is_its_senders_alone() {
+    let daemon = TestDaemon::of_cores();
+    let (dir, worker, mut frames) = (daemon.dir(), daemon.worker(), InTurn::new(&[64, 1500]));
+    let mut honest = daemon.connect();
+    // Huge pages, of which a machine has none by default; a file; one without length; one with a hole of a pebibyte.
+    let huge = memfd_create("huge", MemfdFlags::CLOEXEC | MemfdFlags::HUGETLB);
+    let odd = [
+        huge.ok().filter(|huge| ftruncate(huge, 1 << 21).is_ok()),
+        std::fs::File::open("/proc/self/status").ok().map(Into::into),
+        Memory::new(0).map(|memory| memory.file),
+        memfd_create("holes", MemfdFlags::CLOEXEC).ok().filter(|f| ftruncate(f, 1 << 50).is_ok()),
+    ];
+    for (number, file) in odd.into_iter().enumerate() {
+        let Some(file) = file else { continue };
+        let let_in = raw::ask_in(&dir, &file).is_some_and(|(_, _, files)| !files.is_empty());
+        assert!(!let_in, "memory {number}");
+        assert_eq!(frames.check(&mut honest).unwrap(), ServedBy::Daemon);
+    }
+    // More segments than there may be.
+    let greedy = RawClient::connect_at(&dir, 1).unwrap();
+    let more = Memory::new(4).unwrap();
+    let added = (0..100).take_while(|_| greedy.add_segment(&more.file)).count();
+    assert!((5..30).contains(&added), "{added} segments");
+    // The daemon's memory for answers, by a descriptor that is opened anew.
+    for round in 0..8 {
+        let vandal = RawClient::connect_at(&dir, 1).unwrap();
+        let path = format!("/proc/self/fd/{}", vandal.their_file.as_raw_fd());
+        std::fs::OpenOptions::new().write(true).open(path).unwrap().set_len(0).unwrap();
+        let mut loan = vandal.loan_within(Duration::from_millis(1));
+        if round % 2 == 0
+            && let Some(mut loan) = loan.take()
+        {
+            loan.header = raw::cull(1, 2, EngineChoice::Auto);
+            // The answer lies where nothing is any more.
+            std::mem::forget(vandal.send(loan));
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        drop(vandal);
+        assert_eq!(frames.check(&mut honest).unwrap(), ServedBy::Daemon);
+    }
+    // A request in a place that is held: it waits, and nobody looks for it all the time.
+    let pushing = RawClient::connect_at(&dir, 1).unwrap();
+    let mut loan = pushing.loan().unwrap();
+    loan.header = raw::cull(1, 2, EngineChoice::Auto);
+    let place = loan.place;
+    let pending = pushing.send(loan);
+    pending.answer(TIMEOUT).unwrap();
+    write(pushing.board().0 + 8 * place, 2);
+    pushing.wake();
+    assert_eq!(frames.check(&mut honest).unwrap(), ServedBy::Daemon);
+    assert_eq!(daemon.worker(), worker, "the worker lives");
 }
 
 /// Strangers at the door say nothing, or anything, and others are let in all the same.
