@@ -24,7 +24,7 @@ pub enum LimitError {
     },
     /// Memory of the other side, or of its own, cannot be mapped.
     #[error(
-        "{} MiB of shared memory do not fit the address space of this process, {} MiB (RLIMIT_AS): raise it with `ulimit -v`, or serve with a smaller --max-reply-mib or --max-clients", bytes >> 20, limit >> 20
+        "{} MiB of shared memory do not fit the address space of this process, {} MiB (RLIMIT_AS): raise it with `ulimit -v`", bytes >> 20, limit >> 20
     )]
     AddressSpace {
         /// Bytes to be mapped.
