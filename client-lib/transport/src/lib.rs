@@ -1,7 +1,16 @@
-//! Transport: how a client and a daemon find each other and share memory (iceoryx2 0.10).
+//! Transport: how a client and a daemon find each other and share memory.
 //!
-//! This crate holds what both sides must agree on: names, service settings, the instance's place on
-//! disk. Each setting has its reason beside it.
+//! Each side writes to memory of its own, which iceoryx2 lends, and reads the other's. What each has sent, and let go
+//! of, stands on its board. The wire contract (`WIRE.md` of `pairmask-wire`) draws it.
+//!
+//! ```text
+//! instance, runtime_dir, trust, foreign, liveness, status_file   files by which a daemon is found, and whether it lives
+//! socket, door                                                   who is let in; descriptors of memory
+//! pool, segment, guard, memory, room                             own memory, the other's, what may be missing
+//! board                                                          what was sent, and let go of
+//! peer                                                           a client as its daemon has it
+//! link, waiting, sent, receiving, exchange, vigil                a daemon as its client has it
+//! ```
 
 mod board;
 mod cleanup;
@@ -37,7 +46,7 @@ pub use exchange::{Answer, AnswerMemory, Exchange};
 pub use foreign::foreign_owner;
 pub use guard::install as survive_cut_memory;
 pub use instance::{DaemonRecord, InstanceLock, RuntimeDir};
-pub use limits::{FRAMES_AT_A_TIME, JANITOR_INTERVAL, Limits, quiet_transport_log};
+pub use limits::{FRAMES_AT_A_TIME, Limits, quiet_transport_log};
 pub use link::{ConnectFailure, Link, LinkOptions, Slot};
 pub use link_error::LinkError;
 pub use liveness::{

@@ -1,7 +1,5 @@
 //! What both sides agree on.
 
-use std::time::Duration;
-
 /// Limits of an instance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
@@ -30,6 +28,3 @@ pub const FRAMES_AT_A_TIME: usize = 3;
 pub fn quiet_transport_log() {
     iceoryx2::prelude::set_log_level_from_env_or(iceoryx2::prelude::LogLevel::Fatal);
 }
-
-/// Time between two looks at what clients left: a dead client's memory is free again within a second.
-pub const JANITOR_INTERVAL: Duration = Duration::from_millis(500);

@@ -58,7 +58,7 @@ pub(super) fn behind(bytes: u64) -> Option<LimitError> {
 }
 
 /// Bytes that this process may still map; `None` without a limit.
-pub fn address_space_left() -> Option<u64> {
+fn address_space_left() -> Option<u64> {
     let limit = getrlimit(Resource::As).current?;
     let statm = std::fs::read_to_string("/proc/self/statm").unwrap_or_default();
     let pages: u64 = statm.split_whitespace().next().and_then(|n| n.parse().ok()).unwrap_or(0);

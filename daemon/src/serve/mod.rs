@@ -110,6 +110,10 @@ impl DaemonSettings {
 /// 20 to 30 ms in which the worker is awake before its frames.
 pub const DEFAULT_SPIN: Duration = Duration::from_micros(50);
 
+/// Time between two looks at what clients left, and between two status files: memory of a client that has ended is free
+/// again within a second.
+const TIDY_INTERVAL: Duration = Duration::from_millis(500);
+
 /// A thread that is asked to stop, woken and joined when this is dropped.
 pub(crate) struct StoppedThread {
     stop: Arc<AtomicBool>,

@@ -3,10 +3,10 @@
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-use pairmask_transport::{JANITOR_INTERVAL, RuntimeDir, StatusFile};
+use pairmask_transport::{RuntimeDir, StatusFile};
 use pairmask_wire::InstanceName;
 
-use super::{ServeError, StoppedThread};
+use super::{ServeError, StoppedThread, TIDY_INTERVAL};
 use crate::locked;
 
 pub(super) struct StatusWriter {
@@ -51,6 +51,6 @@ fn write_until(
         {
             log::warn!("`pairmaskd status` will not know of this daemon: {error}");
         }
-        std::thread::park_timeout(JANITOR_INTERVAL);
+        std::thread::park_timeout(TIDY_INTERVAL);
     }
 }

@@ -30,13 +30,13 @@ use std::thread::Thread;
 use std::time::{Duration, Instant};
 
 use pairmask_core::spinner::Spinner;
-use pairmask_transport::{GpuCounts, JANITOR_INTERVAL, Sender};
+use pairmask_transport::{GpuCounts, Sender};
 
 use self::scheduler::{Arrived, LONGEST_SLEEP, Rest, Scheduler, Task};
 use self::sleeper::Sleeper;
 use self::workers::Workers;
 use super::status_writer::StatusWriter;
-use super::{ServeError, ServeSettings};
+use super::{ServeError, ServeSettings, TIDY_INTERVAL};
 use crate::clients::{Client, FrameWork, GpuNeed, RequestKind};
 use crate::execute::CpuTimer;
 use crate::ingest::{Incoming, Intake, RequestQueue};
@@ -168,7 +168,7 @@ impl<'a> WorkerThreads<'a> {
                 gpus = now;
                 self.writer.post(&self.responder.outbox.status_file(gpus));
             }
-            let pause = if gpus.opening > 0 { OPENING_LOOK } else { JANITOR_INTERVAL };
+            let pause = if gpus.opening > 0 { OPENING_LOOK } else { TIDY_INTERVAL };
             std::thread::park_timeout(pause);
         }
     }
@@ -233,7 +233,7 @@ impl<'a> WorkerThreads<'a> {
             let now = Instant::now();
             if now >= lead.tidy_at {
                 self.writer.post(&self.responder.outbox.status_file(self.gpu_counts()));
-                lead.tidy_at = now + JANITOR_INTERVAL;
+                lead.tidy_at = now + TIDY_INTERVAL;
             }
             if published || now >= look_at {
                 let mut scheduler = locked(&self.scheduler);

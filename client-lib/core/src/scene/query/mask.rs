@@ -148,7 +148,7 @@ pub fn is_small_set(first: BoxCount, n: usize, threads: usize) -> bool {
 
 /// Finds the pairs of a box of the first `first` and one of the others, and writes the mask of all boxes.
 ///
-/// Where one set is [small](is_small_set), that is what [`between`] finds, the same whichever engine of the CPU
+/// Where one set is [small](is_small_set), that is what [`between`](super::between()) finds, the same whichever engine of the CPU
 /// is asked for, and a list unless an encoding is. Else the engines cull the whole frame, and keep those pairs
 /// ([`CpuEngines::cull_sets`]).
 ///
