@@ -1,8 +1,8 @@
 //! Population of shared memory before it is written to.
 #![allow(unsafe_code)]
 
-use pairmask_wire::PAGE_BYTES;
 use pairmask_wire::board::BOARD_PAGES;
+use pairmask_wire::{PAGE_BYTES, Page};
 use rustix::io::Errno;
 use rustix::mm::{Advice, madvise};
 
@@ -34,12 +34,19 @@ pub fn populate<T>(memory: &mut [T]) -> Result<(), PopulateError> {
 /// What may come out of the reserve of /dev/shm: a board.
 const FROM_RESERVE: usize = BOARD_PAGES * PAGE_BYTES;
 
-/// As [`populate`], of memory of which the first `known_bytes` are present. Chunks of more than a board leave a reserve of
-/// /dev/shm free for the pages that the transport writes.
+/// Bytes that are populated from one look whether they are wanted to the next: some 3 ms.
+const AT_ONCE: usize = 8 << 20;
+
+/// As [`populate`], of memory of which the first `known_bytes` are present, as long as `is_wanted`. Chunks of more than a
+/// board leave a reserve of /dev/shm free for the pages that the transport writes.
 ///
 /// # Errors
-/// As [`populate`].
-pub(super) fn populate_beyond<T>(chunk: &mut [T], known_bytes: usize) -> Result<(), PopulateError> {
+/// As [`populate`], and where it is not wanted any more.
+pub(super) fn populate_beyond(
+    chunk: &mut [Page],
+    known_bytes: usize,
+    is_wanted: impl Fn() -> bool,
+) -> Result<(), PopulateError> {
     let bytes = size_of_val(chunk);
     if known_bytes >= bytes {
         return Ok(());
@@ -48,5 +55,12 @@ pub(super) fn populate_beyond<T>(chunk: &mut [T], known_bytes: usize) -> Result<
     if bytes > FROM_RESERVE {
         room::for_payload((bytes - known_bytes) as u64)?;
     }
-    populate(chunk)
+    let known_pages = known_bytes / PAGE_BYTES;
+    for part in chunk[known_pages..].chunks_mut(AT_ONCE / PAGE_BYTES) {
+        if !is_wanted() {
+            return Err(PopulateError { bytes: bytes as u64 });
+        }
+        populate(part)?;
+    }
+    Ok(())
 }

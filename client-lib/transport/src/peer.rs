@@ -227,7 +227,7 @@ impl Peer {
     }
 
     /// Memory for an answer, of a pool whose pieces are large enough.
-    fn lend(&self, pages: usize) -> Result<Chunk, PopulateError> {
+    fn lend(&self, pages: usize, is_wanted: impl Fn() -> bool) -> Result<Chunk, PopulateError> {
         let full = PopulateError { bytes: (pages * pairmask_wire::PAGE_BYTES) as u64 };
         let mut pools = lock(&self.pools);
         if pools.last().is_none_or(|largest| largest.pages() < pages) {
@@ -237,8 +237,9 @@ impl Peer {
             send(self.socket.as_fd(), &notice, &[pool.file().as_fd()]).map_err(|_| full)?;
             pools.push(pool);
         }
-        let fits = pools.iter().find(|pool| pool.pages() >= pages);
-        fits.ok_or(full)?.lend(pages)
+        let fits = pools.iter().find(|pool| pool.pages() >= pages).cloned();
+        drop(pools);
+        fits.ok_or(full)?.lend_while(pages, is_wanted)
     }
 }
 
@@ -340,7 +341,7 @@ impl CheckedRequest {
     /// # Errors
     /// [`PopulateError`].
     pub fn lend(&self, pages: usize) -> Result<Chunk, PopulateError> {
-        self.peer.lend(pages)
+        self.peer.lend(pages, || self.is_wanted())
     }
 
     /// Sends the answer and wakes the client, where that still waits for it.

@@ -189,6 +189,18 @@ impl Pool {
     /// # Errors
     /// [`PopulateError`] where no piece is left, or no memory.
     pub fn lend(&self, pages: usize) -> Result<Chunk, PopulateError> {
+        self.lend_while(pages, || true)
+    }
+
+    /// As [`lend`](Self::lend), for somebody who may not want them any more before all are present.
+    ///
+    /// # Errors
+    /// As [`lend`](Self::lend), and where they are not wanted.
+    pub fn lend_while(
+        &self,
+        pages: usize,
+        is_wanted: impl Fn() -> bool,
+    ) -> Result<Chunk, PopulateError> {
         let bytes = pages * PAGE_BYTES;
         let none = PopulateError { bytes: bytes as u64 };
         if pages > self.0.pages {
@@ -197,7 +209,7 @@ impl Pool {
         let piece = self.0.free().pieces.pop().ok_or(none)?;
         let (first, present) = (piece.first, piece.present);
         let mut chunk = Chunk { piece: Some(piece), first, pages, pool: Arc::clone(&self.0) };
-        let populated = populate_beyond(chunk.pages_mut(), present);
+        let populated = populate_beyond(chunk.pages_mut(), present, is_wanted);
         if let Some(piece) = &mut chunk.piece {
             piece.present = present.max(bytes);
             if 2 * bytes > piece.present {
