@@ -16,7 +16,7 @@ use pairmask_tests::measure::percentile;
 use pairmask_tests::prelude::*;
 use pairmaskd::scene::{Scene as Drawn, SceneName};
 
-/// The largest reply of a daemon, unless it is told otherwise.
+/// The largest reply of a daemon, by default.
 const REPLY_BYTES: u64 = 1 << 30;
 /// Frames that go before they are let go of are let go of then, at the latest.
 const LONGEST: Duration = Duration::from_millis(400);

@@ -3,7 +3,7 @@
 use std::mem::MaybeUninit;
 use std::os::fd::{AsFd, AsRawFd, OwnedFd};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use pairmask_wire::{InstanceError, InstanceName};
@@ -14,6 +14,7 @@ use rustix::net::{SocketFlags, accept_with};
 
 use crate::error::{OpenError, TransportError};
 use crate::instance::RuntimeDir;
+use crate::locked::lock;
 use crate::peer::Peer;
 use crate::socket::{Door as Answer, Hello, PeerProcess, Received, Welcome, listen_at, peer_of};
 use crate::socket::{receive, send};
@@ -65,10 +66,6 @@ pub struct Door {
     end: OwnedFd,
     /// A file that is closed where one is needed to tell a client that no more can be opened.
     spare: Mutex<Option<OwnedFd>>,
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn spare() -> Option<OwnedFd> {
@@ -150,7 +147,7 @@ impl Door {
                     END => return Ok(()),
                     LISTENER => self.accept(&mut knocking),
                     of if knocking.iter().any(|k| k.socket.as_raw_fd() as u64 == of) => {
-                        self.hear(&mut knocking, of, &mut sessions);
+                        self.answer(&mut knocking, of, &mut sessions);
                     }
                     of => self.attend_to(of),
                 }
@@ -171,7 +168,7 @@ impl Door {
         let socket = match accept_with(&self.listener, flags) {
             Ok(socket) => socket,
             Err(Errno::MFILE | Errno::NFILE) => {
-                // One file is kept for this: who is not told waits for nothing.
+                // One file is kept for this: without an answer a client would wait for nothing.
                 drop(lock(&self.spare).take());
                 if let Ok(socket) = accept_with(&self.listener, flags) {
                     refuse(&socket, Answer::NoMemory);
@@ -195,18 +192,18 @@ impl Door {
         }
     }
 
-    /// Hears what one who knocks wants, and lets it in.
-    fn hear(&self, knocking: &mut Vec<Knocking>, of: u64, sessions: &mut u64) {
+    /// Takes what a connection asks for, and lets it in.
+    fn answer(&self, knocking: &mut Vec<Knocking>, of: u64, sessions: &mut u64) {
         let Some(at) = knocking.iter().position(|k| k.socket.as_raw_fd() as u64 == of) else {
             return;
         };
-        let heard = receive::<Hello>(knocking[at].socket.as_fd());
-        if matches!(heard, Received::Nothing) {
+        let received = receive::<Hello>(knocking[at].socket.as_fd());
+        if matches!(received, Received::Nothing) {
             return;
         }
         let Knocking { socket, peer, .. } = knocking.swap_remove(at);
         let _ = epoll::delete(&self.sockets, &socket);
-        let Received::Message(hello, files) = heard else { return };
+        let Received::Message(hello, files) = received else { return };
         // A descriptor for which this process has no room does not come.
         let Some(file) = files.into_iter().next() else {
             return refuse(&socket, Answer::NoMemory);
@@ -218,17 +215,17 @@ impl Door {
             return refuse(&socket, Answer::Full);
         }
         *sessions += 1;
-        let Ok(told) = socket.try_clone() else { return refuse(&socket, Answer::NoMemory) };
+        let Ok(refused) = socket.try_clone() else { return refuse(&socket, Answer::NoMemory) };
         match Peer::admit(socket, (*sessions, peer), (file, hello.board), &self.prefix) {
             Ok(peer) if self.watch(&peer).is_ok() => {
                 lock(&self.peers).push(peer);
                 self.changes.fetch_add(1, Ordering::Release);
             }
-            Err(OpenError::Incompatible) => refuse(&told, Answer::Refused),
-            Ok(_) => refuse(&told, Answer::NoMemory),
+            Err(OpenError::Incompatible) => refuse(&refused, Answer::Refused),
+            Ok(_) => refuse(&refused, Answer::NoMemory),
             Err(error) => {
                 log::error!("a client is not let in: {error}");
-                refuse(&told, Answer::NoMemory);
+                refuse(&refused, Answer::NoMemory);
             }
         }
     }

@@ -4,7 +4,7 @@ use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io::ErrorKind;
 use std::os::fd::{AsFd, OwnedFd};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use pairmask_core::pacing::{Answered, Estimate, Expected};
 use pairmask_core::precision::BoxForm;
@@ -19,6 +19,7 @@ use crate::instance::RuntimeDir;
 use crate::limits::FRAMES_AT_A_TIME;
 use crate::link_error::LinkError;
 use crate::liveness::DaemonWatch;
+use crate::locked::lock;
 use crate::pool::{Chunk, Pool};
 use crate::room::PopulateError;
 use crate::segment::Segment;
@@ -388,8 +389,4 @@ impl Link {
     pub fn expect(&self, n: u32) -> Expected {
         lock(&self.estimate).expect(n)
     }
-}
-
-pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::os::fd::{AsFd, OwnedFd};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use pairmask_core::cancel::Wanted;
@@ -12,6 +12,7 @@ use pairmask_wire::{Page, RequestHeader, ResponseHeader};
 
 use crate::board::{OwnBoard, TheirBoard};
 use crate::error::{OpenError, TransportError};
+use crate::locked::lock;
 use crate::pool::{Chunk, Pool};
 use crate::room::PopulateError;
 use crate::segment::Segment;
@@ -85,10 +86,6 @@ pub struct Peer {
     prefix: String,
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 impl Peer {
     /// Lets a client in that sends a descriptor of its memory and the place of its board in it.
     pub(super) fn admit(
@@ -142,11 +139,7 @@ impl Peer {
         &self.bell
     }
 
-    /// Whether its process has ended, or closed the session.
-    pub fn is_gone(&self) -> bool {
-        self.is_gone.load(Ordering::Acquire)
-    }
-
+    /// Its process has ended, or closed the session.
     pub(super) fn leave(&self) {
         self.is_gone.store(true, Ordering::Release);
     }
@@ -204,7 +197,7 @@ impl Peer {
 
     fn take(self: &Arc<Self>, place: usize, number: u64) -> Option<CheckedRequest> {
         let is_wanted = self.theirs.released(place) != number;
-        // Whoever uses a place again has let go of the answer that was in it.
+        // A client that uses a place again has let go of the answer that was in it.
         let taken = Place { number, is_held: is_wanted, answer: None };
         let answer = std::mem::replace(&mut lock(&self.places)[place], taken);
         drop(answer);
@@ -241,9 +234,7 @@ impl Peer {
         drop(pools);
         fits.ok_or(full)?.lend_while(pages, is_wanted)
     }
-}
 
-impl Peer {
     fn answer(&self, place: usize, number: u64, header: &ResponseHeader, chunk: Chunk) {
         let segment = lock(&self.pools).iter().position(|pool| chunk.is_of(pool));
         let placed = Placed {

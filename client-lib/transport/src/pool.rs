@@ -15,7 +15,7 @@ use std::mem::MaybeUninit;
 use std::ops::Range;
 use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use iceoryx2::config::Config;
@@ -33,6 +33,7 @@ use rustix::mm::{Advice, MapFlags, ProtFlags, madvise, mmap_anonymous};
 use crate::error::{OpenError, TransportError};
 use crate::guard::Guarded;
 use crate::instance::{SHM_DIR, shared_files};
+use crate::locked::lock;
 use crate::memory::populate_beyond;
 use crate::process_limits;
 use crate::room::{self, PopulateError};
@@ -146,7 +147,8 @@ impl Pool {
             // The first piece shows where the segment is mapped.
             let failed = |e: std::io::Error| TransportError::new("finding a segment", &e);
             let first = pieces.first().map_or(0, |piece| piece.first);
-            let mapping = Mapping::around(first).map_err(failed)?;
+            let all = Mapping::all().map_err(failed)?;
+            let mapping = all.iter().find(|of| (of.start..of.end).contains(&first));
             let mapping = mapping.ok_or_else(|| TransportError::new("finding a segment", &()))?;
             let file = File::open(&mapping.path).map_err(failed)?;
             let range = mapping.start..mapping.end;
@@ -154,7 +156,7 @@ impl Pool {
             let named = Path::new(SHM_DIR).join(&prefix);
             let is_its =
                 |of: &Mapping| of.path.as_bytes().starts_with(named.as_os_str().as_bytes());
-            for its in Mapping::all().map_err(failed)?.iter().filter(|of| is_its(of)) {
+            for its in all.iter().filter(|of| is_its(of)) {
                 let pieces = if its.start == mapping.start { &pieces[..] } else { &[] };
                 make_private(its, pieces, pages * PAGE_BYTES).map_err(failed)?;
             }
@@ -206,7 +208,7 @@ impl Pool {
         if pages > self.0.pages {
             return Err(none);
         }
-        let piece = self.0.free().pieces.pop().ok_or(none)?;
+        let piece = lock(&self.0.free).pieces.pop().ok_or(none)?;
         let (first, present) = (piece.first, piece.present);
         let mut chunk = Chunk { piece: Some(piece), first, pages, pool: Arc::clone(&self.0) };
         let populated = populate_beyond(chunk.pages_mut(), present, is_wanted);
@@ -225,7 +227,7 @@ impl Pool {
 
     /// Has pieces that come back dropped: another pool takes this one's place.
     pub fn retire(&self) {
-        let mut free = self.0.free();
+        let mut free = lock(&self.0.free);
         free.is_retired = true;
         let dropped = std::mem::take(&mut free.pieces);
         drop(free);
@@ -242,7 +244,7 @@ impl Pool {
             let is_due = |piece: &Piece| {
                 piece.present > KEPT_BYTES && now.saturating_duration_since(piece.needed_at) >= idle
             };
-            let mut free = self.0.free();
+            let mut free = lock(&self.0.free);
             let Some(at) = (kept..free.pieces.len()).find(|at| is_due(&free.pieces[*at])) else {
                 return;
             };
@@ -251,7 +253,7 @@ impl Pool {
             if release(&(piece.first..piece.first + piece.present)) {
                 piece.remove_pages();
             }
-            let mut free = self.0.free();
+            let mut free = lock(&self.0.free);
             free.pieces.insert(0, piece);
             kept += 1;
         }
@@ -260,12 +262,6 @@ impl Pool {
     /// Where the segment's pieces lie in this process.
     pub fn range(&self) -> Range<usize> {
         self.0.range.clone()
-    }
-}
-
-impl Inner {
-    fn free(&self) -> MutexGuard<'_, Free> {
-        self.free.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -393,7 +389,7 @@ impl Chunk {
 impl Drop for Chunk {
     fn drop(&mut self) {
         let Some(piece) = self.piece.take() else { return };
-        let mut free = self.pool.free();
+        let mut free = lock(&self.pool.free);
         if !free.is_retired {
             free.pieces.push(piece);
         }

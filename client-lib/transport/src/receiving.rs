@@ -7,8 +7,9 @@ use pairmask_core::pacing::Expected;
 use pairmask_core::spinner::Spinner;
 
 use crate::error::TransportError;
-use crate::link::{Link, lock};
+use crate::link::Link;
 use crate::link_error::LinkError;
+use crate::locked::lock;
 use crate::sent::SentRequest;
 use crate::vigil::{Seen, Vigil, WAIT_SLICE};
 use crate::waiting::sleep_on;

@@ -97,7 +97,7 @@ impl Segment {
     /// # Errors
     /// The system's, or where it is no shared memory with whole pages, or too large.
     pub fn map(file: OwnedFd, most: usize) -> std::io::Result<Self> {
-        // Only memory has seals: whoever asks for the size of another file, or reads it, may wait for its owner. Huge
+        // Only memory has seals: who asks for the size of another file, or reads it, may wait for its owner. Huge
         // pages have them too; one that is missing could not be replaced.
         fcntl_get_seals(&file)?;
         if fstatfs(&file)?.f_type != TMPFS_MAGIC {

@@ -7,8 +7,9 @@ use std::time::{Duration, Instant};
 use pairmask_wire::board::{Entry, Placed};
 use pairmask_wire::{Page, ReplyError, RequestHeader, ResponseHeader, page_count};
 
-use crate::link::{Link, Place, Slot, lock};
+use crate::link::{Link, Place, Slot};
 use crate::link_error::LinkError;
+use crate::locked::lock;
 use crate::pool::Chunk;
 use crate::process_limits;
 use crate::segment::Segment;

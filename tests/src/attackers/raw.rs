@@ -345,7 +345,7 @@ impl RawPeer {
         let (_, board, files) = hear(&socket)?;
         let theirs = Mapped::of(files.first()?, false)?;
         let own = Memory::new(BOARD_PAGES + PLACES)?;
-        // One that waits, whoever asks not to.
+        // One that waits, also where the client asks not to.
         let flags = SocketFlags::CLOEXEC;
         let (bell, their_end) =
             socketpair(AddressFamily::UNIX, SocketType::STREAM, flags, None).ok()?;

@@ -195,7 +195,7 @@ impl Drop for SetWhenDropped<'_> {
 /// Clients that die in the middle of frame after frame, beside others that go on.
 #[test]
 fn clients_killed_under_load_leave_the_daemon_serving() {
-    // The daemon hears of it a moment later.
+    // The daemon notices it a moment later.
     let daemon = TestDaemon::start(&["--gpu", "none", "--max-clients", "64"]);
     let worker = daemon.worker();
     let (stop, answered) = (AtomicBool::new(false), AtomicU64::new(0));
