@@ -12,6 +12,7 @@ use rustix::event::{EventfdFlags, Timespec, eventfd};
 use rustix::io::Errno;
 use rustix::net::{SocketFlags, accept_with};
 
+use crate::budget::Budget;
 use crate::error::{OpenError, TransportError};
 use crate::instance::RuntimeDir;
 use crate::locked::lock;
@@ -53,6 +54,7 @@ pub struct Door {
     listener: OwnedFd,
     prefix: String,
     max_clients: usize,
+    budget: Budget,
     /// Sockets: the listener's and those of clients.
     sockets: OwnedFd,
     /// What clients wake the daemon by.
@@ -73,7 +75,7 @@ fn spare() -> Option<OwnedFd> {
 }
 
 impl Door {
-    /// Makes the socket of an instance, in place of a predecessor's.
+    /// Makes the socket of an instance, in place of a predecessor's. Clients draw from this budget.
     ///
     /// # Errors
     /// [`InstanceError`].
@@ -81,6 +83,7 @@ impl Door {
         dir: &RuntimeDir,
         name: &InstanceName,
         max_clients: usize,
+        budget: Budget,
     ) -> Result<Self, InstanceError> {
         let path = dir.socket_file(name);
         let listener = listen_at(&path)?;
@@ -95,6 +98,7 @@ impl Door {
             listener,
             prefix: dir.shm_prefix(name),
             max_clients,
+            budget,
             sockets,
             wakes,
             peers: Mutex::default(),
@@ -113,6 +117,11 @@ impl Door {
     /// Counts the clients that came and went: a list of [`peers`](Self::peers) is that of its time.
     pub fn changes(&self) -> u64 {
         self.changes.load(Ordering::Acquire)
+    }
+
+    /// What clients may take.
+    pub const fn budget(&self) -> &Budget {
+        &self.budget
     }
 
     /// Number of clients.
@@ -216,7 +225,8 @@ impl Door {
         }
         *sessions += 1;
         let Ok(refused) = socket.try_clone() else { return refuse(&socket, Answer::NoMemory) };
-        match Peer::admit(socket, (*sessions, peer), (file, hello.board), &self.prefix) {
+        let share = self.budget.share();
+        match Peer::admit(socket, (*sessions, peer), (file, hello.board), (&self.prefix, share)) {
             Ok(peer) if self.watch(&peer).is_ok() => {
                 lock(&self.peers).push(peer);
                 self.changes.fetch_add(1, Ordering::Release);

@@ -8,11 +8,13 @@
 //! socket, door                                                   who is let in; descriptors of memory
 //! pool, segment, guard, memory, room                             own memory, the other's, what may be missing
 //! board                                                          what was sent, and let go of
+//! budget                                                         memory that a daemon may take, by client
 //! peer                                                           a client as its daemon has it
 //! link, waiting, sent, receiving, exchange, vigil                a daemon as its client has it
 //! ```
 
 mod board;
+mod budget;
 mod cleanup;
 mod door;
 mod error;
@@ -40,6 +42,7 @@ mod trust;
 mod vigil;
 mod waiting;
 
+pub use budget::{Budget, Charge, Memory, OverBudget, Share};
 pub use cleanup::remove_left_files;
 pub use door::Door;
 pub use error::{OpenError, TransportError};

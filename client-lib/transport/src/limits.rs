@@ -7,15 +7,15 @@ pub struct Limits {
     pub max_clients: usize,
     /// Bytes of the largest mask.
     pub max_reply_bytes: u64,
-    /// Bytes that all scenes together may take.
-    pub max_scene_bytes: u64,
+    /// Bytes that the daemon may take for its clients, and for itself.
+    pub max_memory_bytes: u64,
 }
 
 impl Default for Limits {
-    /// 100 clients; masks of 1 GiB: the dense mask of 131,000 boxes, or 80 million sparse words; scenes of
-    /// 4 GiB: 14 million boxes.
+    /// 100 clients; masks of 1 GiB: the dense mask of 131,000 boxes, or 80 million sparse words; memory of 8 GiB, half
+    /// of it for one client: a scene of 14 million boxes.
     fn default() -> Self {
-        Self { max_clients: 100, max_reply_bytes: 1 << 30, max_scene_bytes: 4 << 30 }
+        Self { max_clients: 100, max_reply_bytes: 1 << 30, max_memory_bytes: 8 << 30 }
     }
 }
 

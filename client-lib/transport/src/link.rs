@@ -201,7 +201,7 @@ impl Link {
         let pages = page_count(BoxForm::F32.bytes(capacity.unwrap_or(RESERVED_BOXES))) as usize;
         let prefix = dir.shm_prefix(instance);
         let memory = || {
-            let pool = Pool::new(&prefix, pages.max(BOARD_PAGES), PIECES)?;
+            let pool = Pool::new(&prefix, pages.max(BOARD_PAGES), PIECES, None)?;
             let own = OwnBoard::new(&pool).map_err(|_| OpenError::OutOfMemory)?;
             Ok((pool, own))
         };
@@ -287,7 +287,7 @@ impl Link {
         if memory.pool.pages() < pages {
             // Doubling: a scene that grows box by box makes few segments.
             let enlarged = pages.next_power_of_two();
-            let pool = Pool::new(&self.prefix, enlarged, PIECES).map_err(|e| match e {
+            let pool = Pool::new(&self.prefix, enlarged, PIECES, None).map_err(|e| match e {
                 OpenError::Transport(e) => LinkError::NotSent(e),
                 OpenError::Limit(limit) => LinkError::Limit(limit),
                 OpenError::OutOfMemory => {

@@ -11,6 +11,7 @@ use pairmask_wire::board::{Entry, PLACES, Placed};
 use pairmask_wire::{Page, RequestHeader, ResponseHeader};
 
 use crate::board::{OwnBoard, TheirBoard};
+use crate::budget::{Charge, Memory, OverBudget, Share};
 use crate::error::{OpenError, TransportError};
 use crate::locked::lock;
 use crate::pool::{Chunk, Pool};
@@ -28,6 +29,10 @@ const MOST_SEGMENTS: usize = 16;
 /// Bytes that the segments of a client may have together, most of them holes: so many that a frame of a billion boxes has
 /// room, and so few that a hundred clients leave the worker more than half of its address space.
 const MOST_BYTES: usize = 1 << 39;
+
+/// Payload that is read until it is looked again how much memory a client's segments take: who names holes in them has
+/// the daemon fill them. A look at each small request would cost as much as some of them.
+const LOOK_BYTES: u64 = 1 << 20;
 
 /// Who sends a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,6 +70,43 @@ impl Wanted for Awaited {
     }
 }
 
+/// The memory of a client that it sends requests in.
+#[derive(Debug)]
+struct Segments {
+    all: Vec<Arc<Segment>>,
+    /// Bytes that were sent since the last look.
+    sent: u64,
+    /// What it takes.
+    charge: Charge,
+}
+
+impl Segments {
+    /// Notes that so many bytes were sent.
+    fn note(&mut self, bytes: u64) -> Result<(), OverBudget> {
+        self.sent = self.sent.saturating_add(bytes);
+        if self.sent <= LOOK_BYTES {
+            return Ok(());
+        }
+        let present = self.present();
+        if present < self.charge.bytes() {
+            self.charge.set(present);
+        }
+        self.charge.grow_to(present)?;
+        self.sent = 0;
+        Ok(())
+    }
+
+    fn present(&self) -> u64 {
+        self.all.iter().map(|segment| segment.present()).sum()
+    }
+
+    /// Notes what they take now, which may be more than they may: then the next large request is refused.
+    fn tidy(&mut self) {
+        let present = self.present();
+        self.charge.set(present);
+    }
+}
+
 /// A connected client.
 #[derive(Debug)]
 pub struct Peer {
@@ -73,7 +115,8 @@ pub struct Peer {
     bell: Bell,
     own: OwnBoard,
     theirs: Arc<TheirBoard>,
-    segments: Mutex<Vec<Arc<Segment>>>,
+    share: Share,
+    segments: Mutex<Segments>,
     /// By the size of their pieces. A number in this list is the segment's on the wire.
     pools: Mutex<Vec<Pool>>,
     places: Mutex<[Place; PLACES]>,
@@ -92,13 +135,13 @@ impl Peer {
         socket: OwnedFd,
         (session, peer): (u64, PeerProcess),
         (segment, board): (OwnedFd, u64),
-        prefix: &str,
+        (prefix, share): (&str, Share),
     ) -> Result<Arc<Self>, OpenError> {
         let system = |e: std::io::Error| TransportError::new("letting a client in", &e);
         let segment = Arc::new(Segment::map(segment, MOST_BYTES).map_err(system)?);
         let theirs = TheirBoard::at(Arc::clone(&segment), board).ok_or(OpenError::Incompatible)?;
         let (theirs, is_gone) = (Arc::new(theirs), Arc::new(AtomicBool::new(false)));
-        let pool = Pool::new(prefix, SMALLEST_PAGES, PLACES + 1)?;
+        let pool = Pool::new(prefix, SMALLEST_PAGES, PLACES + 1, Some(&share))?;
         let own = OwnBoard::new(&pool).map_err(|_| OpenError::OutOfMemory)?;
         // Nobody looks at its board yet.
         own.falls_asleep();
@@ -115,7 +158,13 @@ impl Peer {
             bell,
             own,
             theirs,
-            segments: Mutex::new(vec![segment]),
+            segments: Mutex::new(Segments {
+                all: vec![segment],
+                // The first request is looked at.
+                sent: LOOK_BYTES,
+                charge: share.nothing(Memory::Shared),
+            }),
+            share,
             pools: Mutex::new(vec![pool]),
             places: Mutex::default(),
             next: AtomicU64::new(1),
@@ -146,14 +195,14 @@ impl Peer {
 
     /// Adds a further segment of the client's. Whether it may have one more.
     pub(super) fn add_segment(&self, file: OwnedFd) -> bool {
-        let mapped: usize = lock(&self.segments).iter().map(|segment| segment.bytes()).sum();
+        let mapped: usize = lock(&self.segments).all.iter().map(|segment| segment.bytes()).sum();
         let Ok(segment) = Segment::map(file, MOST_BYTES.saturating_sub(mapped)) else {
             return false;
         };
         let mut segments = lock(&self.segments);
-        let may = segments.len() < MOST_SEGMENTS;
+        let may = segments.all.len() < MOST_SEGMENTS;
         if may {
-            segments.push(Arc::new(segment));
+            segments.all.push(Arc::new(segment));
         }
         drop(segments);
         may && send(self.socket.as_fd(), &Welcome::new(Door::Mapped, 0), &[]).is_ok()
@@ -161,7 +210,7 @@ impl Peer {
 
     /// Numbers of its segments.
     pub fn segments(&self) -> Vec<u64> {
-        lock(&self.segments).iter().map(|segment| segment.id()).collect()
+        lock(&self.segments).all.iter().map(|segment| segment.id()).collect()
     }
 
     /// Says that the daemon sleeps: a request that is not seen by a look after this wakes it.
@@ -206,17 +255,19 @@ impl Peer {
             return None;
         }
         let Entry { placed, header } = self.theirs.entry(place);
-        let segments = lock(&self.segments);
-        let named = usize::try_from(placed.segment).ok().and_then(|at| segments.get(at));
+        let mut segments = lock(&self.segments);
+        let named = usize::try_from(placed.segment).ok().and_then(|at| segments.all.get(at));
         // One that names no memory of its client's has no payload.
         let (segment, placed) = match named {
             Some(named) => (named, placed),
-            None => (&segments[0], Placed::default()),
+            None => (&segments.all[0], Placed::default()),
         };
         let segment = Arc::clone(segment);
+        let bytes = size_of_val(segment.pages(placed.offset, placed.pages)) as u64;
+        let within_budget = segments.note(bytes);
         drop(segments);
         let peer = Arc::clone(self);
-        Some(CheckedRequest { peer, place, number, header, segment, placed })
+        Some(CheckedRequest { peer, place, number, header, segment, placed, within_budget })
     }
 
     /// Memory for an answer, of a pool whose pieces are large enough.
@@ -225,7 +276,8 @@ impl Peer {
         let mut pools = lock(&self.pools);
         if pools.last().is_none_or(|largest| largest.pages() < pages) {
             let pages = pages.next_power_of_two();
-            let pool = Pool::new(&self.prefix, pages, PLACES).map_err(|_| full)?;
+            let pool = Pool::new(&self.prefix, pages, PLACES, Some(&self.share));
+            let pool = pool.map_err(|_| full)?;
             let notice = Welcome::new(Door::Open, 0);
             send(self.socket.as_fd(), &notice, &[pool.file().as_fd()]).map_err(|_| full)?;
             pools.push(pool);
@@ -269,6 +321,7 @@ impl Peer {
         for pool in self.pools() {
             pool.tidy(idle, &mut release);
         }
+        lock(&self.segments).tidy();
     }
 
     /// Whether others have let go of all of its memory for answers, as far as `release` says so of a range.
@@ -294,6 +347,7 @@ pub struct CheckedRequest {
     header: RequestHeader,
     segment: Arc<Segment>,
     placed: Placed,
+    within_budget: Result<(), OverBudget>,
 }
 
 impl CheckedRequest {
@@ -305,6 +359,19 @@ impl CheckedRequest {
     /// The payload; none where it does not lie in the sender's memory.
     pub fn pages(&self) -> &[Page] {
         self.segment.pages(self.placed.offset, self.placed.pages)
+    }
+
+    /// The memory of its client.
+    pub fn share(&self) -> &Share {
+        &self.peer.share
+    }
+
+    /// Whether its client's segments take no more memory than they may.
+    ///
+    /// # Errors
+    /// [`OverBudget`].
+    pub const fn within_budget(&self) -> Result<(), OverBudget> {
+        self.within_budget
     }
 
     /// Who sent it.

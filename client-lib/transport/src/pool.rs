@@ -30,6 +30,7 @@ use iceoryx2::service::ipc_threadsafe::Service;
 use pairmask_wire::{PAGE_BYTES, Page};
 use rustix::mm::{Advice, MapFlags, ProtFlags, madvise, mmap_anonymous};
 
+use crate::budget::{Charge, Memory, Share};
 use crate::error::{OpenError, TransportError};
 use crate::guard::Guarded;
 use crate::instance::{SHM_DIR, shared_files};
@@ -82,6 +83,8 @@ struct Piece {
     needed_at: Instant,
     /// The process that made it.
     process: u32,
+    /// For what is present, beside the page that stays; `None` where nobody counts.
+    charge: Option<Charge>,
 }
 
 // SAFETY: nothing is done with a loan by reference: it is held, and dropped by its owner.
@@ -107,7 +110,16 @@ impl Piece {
             }
             self.present = 0;
         }
+        if let Some(charge) = &mut self.charge {
+            charge.set(charged(self.present));
+        }
     }
+}
+
+/// What is charged for so many bytes that are present: a page is free, so that any answer has room that is small, and says
+/// why there is no other.
+const fn charged(present: usize) -> u64 {
+    present.saturating_sub(KEPT_BYTES) as u64
 }
 
 impl Drop for Piece {
@@ -132,17 +144,23 @@ pub struct Chunk {
 
 impl Pool {
     /// Makes a segment of `count` pieces of `pages` pages, in files whose names begin with `prefix` until they have
-    /// none. Address space, not memory: pages cost when they are touched.
+    /// none. Address space, not memory: pages cost when they are touched, and are charged to the share of a client if
+    /// there is one.
     ///
     /// # Errors
     /// [`OpenError`].
-    pub fn new(prefix: &str, pages: usize, count: usize) -> Result<Self, OpenError> {
+    pub fn new(
+        prefix: &str,
+        pages: usize,
+        count: usize,
+        share: Option<&Share>,
+    ) -> Result<Self, OpenError> {
         room::for_pool().map_err(|_| OpenError::OutOfMemory)?;
         let prefix = format!("{prefix}{:016x}_", RandomState::new().build_hasher().finish());
         let root = Path::new(SHM_DIR).join(&prefix);
         let made = publisher(&prefix, &root, pages, count).and_then(|publisher| {
             let pieces: Result<Vec<_>, _> =
-                (0..count).map(|_| Piece::of(&publisher, pages)).collect();
+                (0..count).map(|_| Piece::of(&publisher, pages, share)).collect();
             let pieces = pieces?;
             // The first piece shows where the segment is mapped.
             let failed = |e: std::io::Error| TransportError::new("finding a segment", &e);
@@ -189,7 +207,7 @@ impl Pool {
     /// Lends pages, at most those of a piece. The piece that came back last is lent first: its memory is warm.
     ///
     /// # Errors
-    /// [`PopulateError`] where no piece is left, or no memory.
+    /// [`PopulateError`] where no piece is left, or no memory, or the client may have no more of it.
     pub fn lend(&self, pages: usize) -> Result<Chunk, PopulateError> {
         self.lend_while(pages, || true)
     }
@@ -208,7 +226,13 @@ impl Pool {
         if pages > self.0.pages {
             return Err(none);
         }
-        let piece = lock(&self.0.free).pieces.pop().ok_or(none)?;
+        let mut piece = lock(&self.0.free).pieces.pop().ok_or(none)?;
+        let charge = piece.charge.as_mut();
+        if charge.is_some_and(|charge| charge.grow_to(charged(bytes)).is_err()) {
+            // What is present of it stays charged.
+            lock(&self.0.free).pieces.push(piece);
+            return Err(none);
+        }
         let (first, present) = (piece.first, piece.present);
         let mut chunk = Chunk { piece: Some(piece), first, pages, pool: Arc::clone(&self.0) };
         let populated = populate_beyond(chunk.pages_mut(), present, is_wanted);
@@ -269,6 +293,7 @@ impl Piece {
     fn of(
         publisher: &Publisher<Service, [Page], ()>,
         pages: usize,
+        share: Option<&Share>,
     ) -> Result<Self, TransportError> {
         let mut loan = publisher
             .loan_slice_uninit(pages)
@@ -280,6 +305,7 @@ impl Piece {
             present: 0,
             needed_at: Instant::now(),
             process: std::process::id(),
+            charge: share.map(|share| share.nothing(Memory::Shared)),
         })
     }
 }

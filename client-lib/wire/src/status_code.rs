@@ -25,9 +25,9 @@ pub enum StatusCode {
     /// The daemon does not have the scene as the edit expects it: the client sends it again whole.
     /// `detail` holds the revision that it has, 0 for none.
     StaleScene = 8,
-    /// Scenes would take more memory than the daemon gives them. `detail` holds the bytes needed and
-    /// allowed.
-    SceneTooLarge = 9,
+    /// The client would have the daemon take more memory than it may. `detail` holds the bytes that it would take in
+    /// all, and those that it may.
+    OverBudget = 9,
     /// A shared scene has other terms than the member asks for. `detail` says which, and what holds.
     SharedDiffers = 10,
     /// A lease is refused. `detail` says why.
@@ -56,7 +56,7 @@ impl StatusCode {
             Self::EngineUnavailable => "engine-unavailable",
             Self::EngineFailed => "engine-failed",
             Self::StaleScene => "stale-scene",
-            Self::SceneTooLarge => "scene-too-large",
+            Self::OverBudget => "over-budget",
             Self::SharedDiffers => "shared-differs",
             Self::LeaseRefused => "lease-refused",
             Self::NotLeased => "not-leased",
@@ -68,8 +68,8 @@ impl StatusCode {
     pub(crate) fn explain(self, detail: [u64; 2]) -> String {
         let [needed, limit] = detail;
         match self {
-            Self::SceneTooLarge => format!(
-                ": all scenes together would take {} MiB and may take {}, by `pairmaskd serve --max-scene-mib`",
+            Self::OverBudget => format!(
+                ": this client would take {} MiB of the daemon's memory and may take {} now, by `pairmaskd serve --max-memory`",
                 needed.div_ceil(MIB),
                 limit / MIB
             ),

@@ -12,6 +12,7 @@ use pairmask_core::{EncodingChoice, EngineChoice};
 use pairmask_wire::InstanceName;
 use serde::{Deserialize, Deserializer};
 
+use super::memory_size::MemorySize;
 use super::program::WrongUsage;
 use super::whole_number::whole_number;
 use crate::audit::AuditRate;
@@ -42,8 +43,8 @@ pub struct Config {
     pub(super) max_clients: Option<std::num::NonZeroU16>,
     #[serde(deserialize_with = "number")]
     pub(super) max_reply_mib: Option<std::num::NonZeroU32>,
-    #[serde(deserialize_with = "number")]
-    pub(super) max_scene_mib: Option<u32>,
+    #[serde(deserialize_with = "parsed")]
+    pub(super) max_memory: Option<MemorySize>,
     #[serde(deserialize_with = "parsed")]
     pub(super) gpu: Option<GpuChoices>,
     #[serde(deserialize_with = "number")]
@@ -160,7 +161,7 @@ mod tests {
     fn keys_are_the_names_of_the_flags() {
         let config = Config::parse(
             "instance = 'world'\nbackend = 'in-process'\nencoding = 'sparse'\n\
-             threads = 2\nspin-us = 0\nmax-clients = 3\nmax-reply-mib = 64\nmax-scene-mib = 9\nruntime-dir = '/run/x'\n\
+             threads = 2\nspin-us = 0\nmax-clients = 3\nmax-reply-mib = 64\nmax-memory = '2G'\nruntime-dir = '/run/x'\n\
              gpu = 'none'\ngpu-awake-ms = 0\nisa = 'portable'\nwithout-fence = 'landlock,rlimits'",
         )
         .expect("every key is known");
@@ -168,6 +169,7 @@ mod tests {
         assert_eq!(config.backend, Some(Backend::InProcess));
         assert_eq!(config.encoding, Some(EncodingChoice::Only(Encoding::Sparse)));
         assert_eq!(config.spin_us, Some(0));
+        assert_eq!(config.max_memory, Some(MemorySize(2 << 30)));
         assert_eq!(config.gpu_awake_ms, Some(0));
         assert_eq!(config.isa, AvailableIsa::new(pairmask_core::engine::Isa::Portable));
         assert_eq!(config.without_fence, Some("landlock,rlimits".parse().expect("two fences")));

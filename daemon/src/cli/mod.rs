@@ -10,6 +10,7 @@ pub mod daemon_cpu;
 mod demo;
 mod explain;
 pub mod machine;
+mod memory_size;
 pub mod options;
 pub mod output;
 pub mod percentiles;

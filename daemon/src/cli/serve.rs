@@ -7,6 +7,7 @@ use clap::Args;
 use clap::builder::FalseyValueParser;
 use pairmask_transport::Limits;
 
+use super::memory_size::MemorySize;
 use super::options::{CommonOptions, DaemonOptions};
 use super::whole_number::whole_number;
 use crate::audit::AuditRate;
@@ -22,6 +23,7 @@ Examples:
   pairmaskd serve                             the instance named `default`
   pairmaskd serve --instance world --spin-us 1000
   pairmaskd serve --threads 4                 leaves the other cores to games
+  pairmaskd serve --max-memory 2G             and no more than that for all clients
   pairmaskd serve --audit 1/1000              missed and extra pairs are counted in `status`
 
 A second daemon for the same instance is refused. A daemon without work sleeps.")]
@@ -34,16 +36,17 @@ pub struct Serve {
     /// Threads that cull; a short frame uses one or two of them [default: as many as there are cores]
     #[arg(long, value_parser = whole_number::<NonZeroUsize>, env = "PAIRMASK_THREADS", value_name = "N")]
     threads: Option<NonZeroUsize>,
-    /// Clients at a time [default: 16]
+    /// Clients at a time [default: 100]
     #[arg(long, value_parser = whole_number::<NonZeroU16>, env = "PAIRMASK_MAX_CLIENTS", value_name = "N")]
     max_clients: Option<NonZeroU16>,
     /// The largest mask, MiB [default: 1024]
     #[arg(long, value_parser = whole_number::<NonZeroU32>, env = "PAIRMASK_MAX_REPLY_MIB", value_name = "N")]
     max_reply_mib: Option<NonZeroU32>,
-    /// Memory of all scenes that clients keep here, on GPUs too, MiB [default: a third of this machine's
-    /// memory, or of this control group's]
-    #[arg(long, value_parser = whole_number::<u32>, env = "PAIRMASK_MAX_SCENE_MIB", value_name = "N")]
-    max_scene_mib: Option<u32>,
+    /// Memory that is taken for clients: their boxes, scenes, on GPUs too, answers, and what engines need.
+    /// One client may have half of it; a quarter is kept in equal shares for each [default: two thirds of
+    /// this machine's memory, or of this control group's]
+    #[arg(long, env = "PAIRMASK_MAX_MEMORY", value_name = "SIZE")]
+    max_memory: Option<MemorySize>,
     #[command(flatten)]
     options: DaemonOptions,
     /// How long the GPU's clocks are kept up after a frame, ms; 0 leaves them alone [default: 250]
@@ -99,12 +102,12 @@ impl Serve {
         let gpu_awake_ms = self.gpu_awake_ms.or(common.file.gpu_awake_ms);
         let max_clients = self.max_clients.or(common.file.max_clients);
         let max_reply_mib = self.max_reply_mib.or(common.file.max_reply_mib);
-        let max_scene_mib = self.max_scene_mib.or(common.file.max_scene_mib);
-        let Limits { max_clients: clients, max_reply_bytes, max_scene_bytes } = default.limits;
+        let max_memory = self.max_memory.or(common.file.max_memory);
+        let Limits { max_clients: clients, max_reply_bytes, max_memory_bytes } = default.limits;
         let limits = Limits {
             max_clients: max_clients.map_or(clients, |n| usize::from(n.get())),
             max_reply_bytes: max_reply_mib.map_or(max_reply_bytes, |n| u64::from(n.get()) << 20),
-            max_scene_bytes: max_scene_mib.map_or(max_scene_bytes, |n| u64::from(n) << 20),
+            max_memory_bytes: max_memory.map_or(max_memory_bytes, |size| size.0),
         };
         ServeSettings {
             instance: common.instance(),

@@ -3,10 +3,12 @@
 //! A session is a client's connection; its token is an echo.
 //! Nothing here is needed for a right answer: what was dropped is found again, estimated, or sent again.
 
+mod engines;
 mod scenes;
 mod work;
 
-pub(crate) use self::scenes::{NoRoom, PendingBoxes, SceneMemory, SceneRoom, SessionScene};
+pub(crate) use self::engines::SessionEngines;
+pub(crate) use self::scenes::{PendingBoxes, SceneRoom, SceneTotals, SessionScene};
 pub use self::work::GpuNeed;
 pub(crate) use self::work::{FrameWork, RequestKind};
 
@@ -15,7 +17,6 @@ use std::sync::Mutex;
 use pairmask_wire::SceneId;
 
 use self::work::LastWork;
-use crate::execute::Executor;
 use crate::locked;
 
 pub(crate) struct Clients {
@@ -120,7 +121,7 @@ pub(crate) struct Client {
     pub(crate) last_pairs: Option<u64>,
     pub(crate) last_work: LastWork,
     /// Its engines, while no frame of it is being culled.
-    pub(crate) engines: Option<Box<Executor>>,
+    pub(crate) engines: Option<Box<SessionEngines>>,
     /// Its scenes, but for one that is being changed.
     pub(crate) scenes: Vec<SessionScene>,
 }

@@ -12,7 +12,7 @@ use pairmask_core::mask::{MaskShape, Span};
 use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::repeat::KeepTicket;
-use pairmask_transport::{CheckedRequest, Chunk, Sender};
+use pairmask_transport::{Charge, CheckedRequest, Chunk, Memory, OverBudget, Sender, Share};
 use pairmask_wire::{
     Page, Reject, ReplyFields, Request, ResponseHeader, SceneSections, SentRules,
     WORLD_RANGE_WORDS, page_count, words_in, words_in_mut, write_world_ranges,
@@ -23,6 +23,10 @@ use crate::ingest::Incoming;
 const PAIR_WORDS: u64 = 2;
 const WORD_BYTES: u64 = size_of::<u32>() as u64;
 
+/// The largest part of what a client may take on top that an answer may have, as a divisor: engines keep up to three
+/// words for a word of an answer while they find it.
+const ANSWER_PART: u64 = 4;
+
 /// A request in hand. Dropped without an answer, it leaves its client to its deadline.
 pub(crate) struct OpenRequest {
     incoming: Incoming,
@@ -32,6 +36,8 @@ pub(crate) struct OpenRequest {
     scene: SceneSections,
     loan: Option<Chunk>,
     limit_bytes: u64,
+    /// Whether that is less than any answer may have, because its client may take no more.
+    is_short: bool,
     /// Where its objects and its answer are to be kept.
     pub(crate) keep: Option<KeepTicket>,
     pub(crate) rules: Option<FrameRules>,
@@ -50,9 +56,10 @@ pub(crate) struct FrameRules {
 }
 
 impl OpenRequest {
-    /// Of a request whose answer may have so many bytes.
-    pub(crate) fn new(incoming: Incoming, limit_bytes: u64) -> Self {
+    /// Of a request whose answer may have so many bytes, and no more than its client may take.
+    pub(crate) fn new(incoming: Incoming, most_bytes: u64) -> Self {
         let taken_at = Instant::now();
+        let limit_bytes = most_bytes.min(incoming.request.share().left() / ANSWER_PART);
         let header = incoming.request.header();
         let fields = ReplyFields {
             client_token: header.client_token,
@@ -67,6 +74,7 @@ impl OpenRequest {
             scene: SceneSections::EMPTY,
             loan: None,
             limit_bytes,
+            is_short: limit_bytes < most_bytes,
             keep: None,
             rules: None,
             world_ranges: None,
@@ -93,6 +101,27 @@ impl OpenRequest {
         }
         self.scene = scene;
         Ok(())
+    }
+
+    /// The memory of its client.
+    pub(crate) fn share(&self) -> &Share {
+        self.request().share()
+    }
+
+    /// Whether its client's memory is no more than it may be.
+    pub(crate) fn within_budget(&self) -> Result<(), OverBudget> {
+        self.request().within_budget()
+    }
+
+    /// Memory for a copy of what it carries.
+    pub(crate) fn charge_copy(&self) -> Result<Charge, OverBudget> {
+        self.share().charge(Memory::Own, self.payload_bytes())
+    }
+
+    /// The error of an answer of so many bytes that has no room, where its client may take no more.
+    pub(crate) fn over_budget(&self, answer_bytes: u64) -> Option<OverBudget> {
+        let needed = answer_bytes.saturating_mul(ANSWER_PART);
+        self.is_short.then(|| self.share().over(needed))
     }
 
     pub(crate) fn limit_words(&self) -> u64 {

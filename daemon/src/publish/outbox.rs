@@ -15,7 +15,7 @@ use pairmask_wire::{
 
 use super::{OpenRequest, Refusal};
 use crate::audit::{AuditedFrame, AuditedScene, Auditor, Window};
-use crate::clients::{Clients, SceneMemory};
+use crate::clients::{Clients, SceneTotals};
 use crate::locked;
 use crate::requests::Served;
 
@@ -28,7 +28,7 @@ pub(crate) struct Outbox {
     pub(crate) clients: Clients,
     counters: Mutex<Counters>,
     pub(crate) auditor: Arc<Auditor>,
-    scene_memory: SceneMemory,
+    scenes: SceneTotals,
     alter_answers: Option<AlterAnswer>,
 }
 
@@ -37,13 +37,13 @@ impl Outbox {
         door: Arc<Door>,
         clients: Clients,
         auditor: Arc<Auditor>,
-        scene_memory: SceneMemory,
+        scenes: SceneTotals,
         alter_answers: Option<AlterAnswer>,
     ) -> Self {
         let body = StatusBody { pid: std::process::id(), ..StatusBody::default() };
         let (start, skips) = (Instant::now(), SkipTotals::default());
         let counters = Mutex::new(Counters { start, body, skips });
-        Self { door, clients, counters, auditor, scene_memory, alter_answers }
+        Self { door, clients, counters, auditor, scenes, alter_answers }
     }
 
     pub(crate) fn sessions(&self) -> Vec<u64> {
@@ -52,7 +52,7 @@ impl Outbox {
 
     pub(crate) fn status(&self) -> StatusBody {
         let (clients, audit) = (self.door.client_count(), self.auditor.counts());
-        locked(&self.counters).body(clients, audit, self.scene_memory.used())
+        locked(&self.counters).body(clients, audit, self.scenes.get())
     }
 
     pub(crate) fn status_file(&self, gpus: GpuCounts) -> StatusFile {
@@ -80,7 +80,7 @@ impl Outbox {
                 client.last_pairs = Some(found_pairs);
                 // Its engines are away while they plan its next frame, or run this one.
                 if let Some(engines) = &mut client.engines {
-                    engines.note_gpu(fields.box_count, &answer);
+                    engines.executor.note_gpu(fields.box_count, &answer);
                 }
             });
         }
@@ -155,6 +155,14 @@ impl Outbox {
 
     /// Answers with an error, and counts it, where somebody waits for the answer.
     pub(crate) fn refuse(&self, open: &mut OpenRequest, refusal: &Refusal) {
+        let over = match refusal {
+            Refusal { status: StatusCode::ReplyTooLarge, detail: [needed, _], .. } => {
+                open.over_budget(*needed)
+            }
+            _ => None,
+        };
+        let over = over.map(Refusal::from);
+        let refusal = over.as_ref().unwrap_or(refusal);
         let fields = open.fields;
         if !open.is_wanted() {
             log::debug!("client {:016x} waits no more: {}", fields.client_token, refusal.text);

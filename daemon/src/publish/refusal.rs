@@ -3,11 +3,10 @@
 use pairmask_core::engine::{CullError, ReserveError};
 use pairmask_core::scene::shared::{LeaseError, NotLeased};
 use pairmask_core::scene::{EditError, SceneError};
+use pairmask_transport::OverBudget;
 use pairmask_wire::{
     ENGINE_IS_OPENING, Reject, StatusCode, TermsDiffer, lease_detail, not_leased_detail,
 };
-
-use crate::clients::NoRoom;
 
 /// Why a request is not answered with what it asks for, as its client reads it.
 #[derive(Debug)]
@@ -31,7 +30,7 @@ macro_rules! refuse {
 
 refuse! {
     Reject: error => (error.status(), [0; 2]);
-    NoRoom: error => (StatusCode::SceneTooLarge, [error.needed_bytes, error.limit_bytes]);
+    OverBudget: error => (StatusCode::OverBudget, [error.needed_bytes, error.limit_bytes]);
     TermsDiffer: error => (StatusCode::SharedDiffers, error.detail());
     LeaseError: error => (StatusCode::LeaseRefused, lease_detail(&error));
     NotLeased: error => (StatusCode::NotLeased, not_leased_detail(&error));

@@ -13,7 +13,7 @@ use pairmask_wire::{CullRequest, Reject, SentRules};
 use super::filtered::{Filtered, MaskFilters, Sets};
 use super::gpu_lines::{GpuLine, Submission};
 use super::{Served, filtered, threads_of};
-use crate::clients::GpuNeed;
+use crate::clients::{GpuNeed, SessionEngines};
 use crate::execute::{
     BUNDLE_FRAMES, Ended, EnginePool, Executor, Gpus, Joining, Owner, RuledFrame, Unserved,
 };
@@ -105,7 +105,8 @@ impl Culls {
     ) -> Served {
         let session = open.sender.session;
         let kept = self.outbox.clients.of(session, |client| client.engines.take());
-        let mut engines = kept.unwrap_or_else(|| Box::new(self.new_engines()));
+        let new = || Box::new(SessionEngines::new(self.new_engines(), open.share()));
+        let mut engines = kept.unwrap_or_else(new);
         // A client that is alone may have all of them.
         let beside_others = threads < self.pool.threads();
         let threads = threads_of(request.threads, threads);
@@ -117,8 +118,14 @@ impl Culls {
             last_pairs: self.outbox.clients.last_pairs(session),
             ..CullOptions::default()
         };
-        let cull = || self.cull(open, request, &options, (beside_others, joining), &mut engines);
-        let used = self.work(RunsOn::Worker, options.threads, cull);
+        let used = if let Err(over) = engines.make_room(request.scene.count) {
+            self.outbox.refuse_and_close(open, over.into())
+        } else {
+            let (way, executor) = ((beside_others, joining), &mut engines.executor);
+            let cull = || self.cull(open, request, &options, way, executor);
+            self.work(RunsOn::Worker, options.threads, cull)
+        };
+        engines.note_room();
         self.outbox.clients.of(session, |client| client.engines = Some(engines));
         used
     }

@@ -24,7 +24,7 @@ use self::cull::Culls;
 use self::scene::{SceneEdits, SceneTools};
 use self::shared::SharedScenes;
 use crate::audit::Auditor;
-use crate::clients::{Clients, SceneMemory};
+use crate::clients::{Clients, SceneTotals};
 use crate::execute::{EnginePool, Executor};
 use crate::ingest::Incoming;
 use crate::publish::{OpenRequest, Outbox};
@@ -93,18 +93,19 @@ impl Responder {
     ) -> Result<Self, ServeError> {
         let limits = &settings.daemon.limits;
         let clients = Clients::new(limits.max_clients);
-        let memory = SceneMemory::new(limits.max_scene_bytes);
+        let totals = SceneTotals::default();
         let auditor = Arc::new(auditor);
         let alter = settings.alter_answers;
         let outbox =
-            Outbox::new(Arc::clone(&door), clients, Arc::clone(&auditor), memory.clone(), alter);
+            Outbox::new(Arc::clone(&door), clients, Arc::clone(&auditor), totals.clone(), alter);
         let outbox = Arc::new(outbox);
         let (isa, calibration) = executor.cpu_settings();
         let tools = SceneTools {
             isa,
             calibration,
             gpus: executor.gpus().clone(),
-            memory,
+            totals,
+            shared: door.budget().share(),
             pool: Arc::clone(&pool),
             auditor,
         };
@@ -145,6 +146,9 @@ impl Responder {
         let mut open = OpenRequest::new(incoming, self.limit_bytes);
         if !open.is_wanted() {
             return Err(Served::OTHER);
+        }
+        if let Err(over) = open.within_budget() {
+            return Err(self.outbox.refuse_and_close(open, over.into()));
         }
         match open.parse() {
             Ok(Request::Cull(request)) => return Ok((open, request)),
@@ -195,5 +199,6 @@ impl Responder {
         self.outbox.clients.tidy(|| self.outbox.sessions());
         self.shared.tidy();
         self.door.tidy(IDLE, |range| self.culls.release_reply(range));
+        self.door.budget().note_process();
     }
 }

@@ -8,6 +8,7 @@ use pairmask_core::engine::{AvailableIsa, CullError, ReplyBuffer};
 use pairmask_core::plan::Calibration;
 use pairmask_core::scene::{Edit, Reported, SceneError, SceneOptions};
 use pairmask_core::{EngineChoice, EngineName};
+use pairmask_transport::Share;
 use pairmask_wire::{
     EditScratch, ReplyFields, SceneAnswerLayout, SceneId, SceneRequest, TickMarks, TickNotes,
     response_scene, response_scene_ended,
@@ -16,7 +17,7 @@ use pairmask_wire::{
 use super::asked::Asked;
 use super::{Served, threads_of};
 use crate::audit::{Auditor, NotedName, SceneNote};
-use crate::clients::{GpuNeed, PendingBoxes, SceneMemory, SceneRoom, SessionScene};
+use crate::clients::{GpuNeed, PendingBoxes, SceneRoom, SceneTotals, SessionScene};
 use crate::execute::{EnginePool, Gpus, SceneHost, is_left_to_cores};
 use crate::publish::{OpenRequest, Outbox, Refusal};
 
@@ -25,7 +26,9 @@ pub(super) struct SceneTools {
     pub(super) isa: AvailableIsa,
     pub(super) calibration: Calibration,
     pub(super) gpus: Gpus,
-    pub(super) memory: SceneMemory,
+    pub(super) totals: SceneTotals,
+    /// The memory of shared scenes, which have a share as one client has.
+    pub(super) shared: Share,
     pub(super) pool: Arc<EnginePool>,
     pub(super) auditor: Arc<Auditor>,
 }
@@ -50,14 +53,14 @@ pub(super) struct SceneEdits {
 impl SceneEdits {
     pub(super) fn take(&self, open: OpenRequest, request: &SceneRequest, threads: usize) -> Served {
         let threads = threads_of(request.threads, threads);
-        let found = self.find(open.sender.session, request);
+        let found = self.find(&open, request);
         self.serve(open, found, threads, |kept, open| {
             // More would be found in memory that nobody has counted.
-            kept.scene.limit_pairs(self.tools.memory.most_pairs(open.limit_pairs()));
+            kept.scene.limit_pairs(kept.room.most_pairs(open.limit_pairs()));
             let edit = || edit_and_answer(kept, open, request, threads, &self.outbox);
             let edited = self.tools.pool.work_by(threads, edit);
             if edited.is_err() {
-                // What it was read into may be large, and nothing was charged for it.
+                // What it was read into may be large.
                 kept.scratch = EditScratch::default();
             }
             // A scene that did not begin is of no use to the client: it sends the scene again.
@@ -127,7 +130,8 @@ impl SceneEdits {
         open.send(&header);
     }
 
-    fn find(&self, session: u64, request: &SceneRequest) -> Result<SessionScene, Refusal> {
+    fn find(&self, open: &OpenRequest, request: &SceneRequest) -> Result<SessionScene, Refusal> {
+        let session = open.sender.session;
         if request.base == 0 {
             drop(self.outbox.clients.take_scene(session, request.scene));
             let scene = self.tools.new_scene(request.most_boxes, request.engine)?;
@@ -138,7 +142,7 @@ impl SceneEdits {
                 scene,
                 scratch: EditScratch::default(),
                 found: Vec::new(),
-                room: SceneRoom::begin(&self.tools.memory)?,
+                room: SceneRoom::begin(&self.tools.totals, open.share())?,
                 audited,
             });
         }
@@ -173,6 +177,7 @@ fn edit_and_answer(
 ) -> Result<(), Failed> {
     let SessionScene { revision, scene, scratch, found, room, audited, .. } = kept;
     let start = Instant::now();
+    let _copy = open.charge_copy()?;
     let steps = scratch.read(request, open.pages())?;
     let edit = Edit { steps: &steps };
     room.make(scene, edit, PendingBoxes::default(), bytes_of(found))?;

@@ -71,9 +71,9 @@ pub struct DaemonSettings {
 impl Default for DaemonSettings {
     fn default() -> Self {
         let limits = Limits::default();
-        let max_scene_bytes = usable_memory::bytes().map_or(limits.max_scene_bytes, scene_part);
+        let max_memory_bytes = usable_memory::bytes().map_or(limits.max_memory_bytes, daemon_part);
         Self {
-            limits: Limits { max_scene_bytes, ..limits },
+            limits: Limits { max_memory_bytes, ..limits },
             threads: None,
             spin: DEFAULT_SPIN,
             gpu: GpuChoices::default(),
@@ -93,7 +93,7 @@ impl DaemonSettings {
             format!("--spin-us={}", spin.as_micros()),
             format!("--max-clients={}", limits.max_clients),
             format!("--max-reply-mib={}", limits.max_reply_bytes >> 20),
-            format!("--max-scene-mib={}", limits.max_scene_bytes >> 20),
+            format!("--max-memory={}", limits.max_memory_bytes),
             format!("--gpu={gpu}"),
             format!("--isa={isa}"),
             format!("--audit={audit}"),
@@ -183,24 +183,12 @@ impl ServeError {
     }
 }
 
-/// Scenes take at most this part of the memory, unless the user says otherwise. A search among all boxes may find as
-/// many bytes of pairs for a moment, and the last third is left to clients and to all else.
-const SCENE_PART: u64 = 3;
-
-const MIB: u64 = 1 << 20;
-
-/// The scenes' part of so many bytes, in whole MiB.
-fn scene_part(bytes: u64) -> u64 {
-    (bytes / SCENE_PART / MIB).max(1) * MIB
+/// The daemon takes at most two thirds of the memory for its clients, unless the user says otherwise: one client a third.
+/// The last third is left to clients and to all else.
+fn daemon_part(bytes: u64) -> u64 {
+    (bytes / 3 * 2).max(LEAST_MEMORY)
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn scenes_take_a_third_in_whole_mebibytes() {
-        assert_eq!(scene_part(256 << 30), (256 << 30) / 3 / MIB * MIB);
-        assert_eq!(scene_part(0), MIB, "none would refuse every scene");
-    }
-}
+/// The least memory that a daemon keeps to, bytes: a process that serves takes some 10 MiB before it has a client, and
+/// each of them needs room for a small frame.
+pub const LEAST_MEMORY: u64 = 64 << 20;

@@ -14,7 +14,7 @@ use pairmask_core::engine::{AvailableIsa, CullError, CullInput, HeapReply, cpu_e
 use pairmask_core::plan::{Calibration, SceneStats};
 use pairmask_core::{Aabb, BoxCount, Encoding, EngineName, MaskView};
 use pairmask_transport::{
-    DaemonRecord, Door, GpuCounts, StatusFile, quiet_transport_log, remove_left_files,
+    Budget, DaemonRecord, Door, GpuCounts, StatusFile, quiet_transport_log, remove_left_files,
     survive_cut_memory,
 };
 use pairmask_wire::{SkipTotals, StatusBody, Version};
@@ -62,7 +62,10 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     remove_left_files(&settings.dir, &settings.instance);
     let writer =
         StatusWriter::start(&settings.dir, &settings.instance, Arc::clone(&beating.rounds))?;
-    let door = Door::open(&settings.dir, &settings.instance, daemon.limits.max_clients)?;
+    let limits = &daemon.limits;
+    // Shared scenes have a share as a client has.
+    let budget = Budget::new(limits.max_memory_bytes, limits.max_clients + 1);
+    let door = Door::open(&settings.dir, &settings.instance, limits.max_clients, budget)?;
     let (door, porter) = attended(door)?;
     let record = DaemonRecord {
         worker_pid: std::process::id(),

@@ -3,6 +3,7 @@
 
 mod ailing_daemons;
 mod attacks;
+mod budgets;
 mod c_clients;
 mod cancelled;
 mod faults;

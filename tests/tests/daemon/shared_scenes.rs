@@ -229,7 +229,7 @@ fn an_edit_without_a_slot_has_not_happened() {
 /// for those of one.
 #[test]
 fn boxes_that_were_applied_take_no_more_room() {
-    let daemon = TestDaemon::start(&["--gpu", "none", "--max-scene-mib", "128"]);
+    let daemon = TestDaemon::start(&["--gpu", "none", "--max-memory", "256M"]);
     let options = SceneOptions::default().with_tick_deadline(LONG);
     let own = 599_000..600_000;
     let mut one = Member::join(&daemon, "room", own.clone(), &options);

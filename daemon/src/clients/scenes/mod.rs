@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use pairmask_core::scene::Edit;
+use pairmask_transport::{Charge, Memory, OverBudget, Share};
 use pairmask_wire::{EditScratch, SceneId};
 
 use crate::audit::AuditedScene;
@@ -34,11 +35,11 @@ pub(crate) struct SessionScene {
     pub(crate) audited: Option<AuditedScene>,
 }
 
-/// The share of a scene in the memory of all. It goes back with the scene.
+/// The memory of a scene. It goes back with the scene.
 #[derive(Debug)]
 pub(crate) struct SceneRoom {
-    of: Arc<Shared>,
-    bytes: u64,
+    charge: Charge,
+    totals: SceneTotals,
 }
 
 /// Boxes that edits set which wait to be applied.
@@ -50,8 +51,11 @@ pub(crate) struct PendingBoxes {
 }
 
 impl SceneRoom {
-    pub(crate) fn begin(memory: &SceneMemory) -> Result<Self, NoRoom> {
-        memory.charge(BYTES_A_SCENE)
+    pub(crate) fn begin(totals: &SceneTotals, share: &Share) -> Result<Self, OverBudget> {
+        let charge = share.charge(Memory::Own, BYTES_A_SCENE)?;
+        totals.0.scenes.fetch_add(1, Ordering::Relaxed);
+        totals.0.bytes.fetch_add(BYTES_A_SCENE, Ordering::Relaxed);
+        Ok(Self { charge, totals: totals.clone() })
     }
 
     /// Makes room for an edit that is applied with others, so many bytes being kept `beside` it.
@@ -61,7 +65,7 @@ impl SceneRoom {
         edit: Edit<'_>,
         others: PendingBoxes,
         beside: u64,
-    ) -> Result<(), NoRoom> {
+    ) -> Result<(), OverBudget> {
         let set = edit.boxes() as u64 + others.count;
         let indices = edit.index_end().max(others.index_end).max(scene.index_end().into());
         // Those that move are there already: there are no more boxes than indices.
@@ -93,120 +97,101 @@ impl SceneRoom {
     }
 
     /// Takes more, so that it is at least so much; without room it stays what it was.
-    fn grow_to(&mut self, bytes: u64) -> Result<(), NoRoom> {
-        if let Some(more) = bytes.checked_sub(self.bytes) {
-            self.of.take(more)?;
-            self.bytes = bytes;
-        }
+    fn grow_to(&mut self, bytes: u64) -> Result<(), OverBudget> {
+        let before = self.charge.bytes();
+        self.charge.grow_to(bytes)?;
+        self.count(before);
         Ok(())
     }
 
     /// The largest number of copies, from `most` down to one, whose bytes there is room for; one where there is none.
     fn most_that_fit(&self, most: usize, bytes: impl Fn(usize) -> u64) -> usize {
-        let others = self.of.used.load(Ordering::Relaxed).saturating_sub(self.bytes);
-        let fits = |copies: &usize| others.saturating_add(bytes(*copies)) <= self.of.limit;
-        (1..=most).rev().find(fits).unwrap_or(1)
+        let room = self.charge.bytes().saturating_add(self.charge.share().left());
+        (1..=most).rev().find(|copies| bytes(*copies) <= room).unwrap_or(1)
     }
 
     fn set(&mut self, bytes: u64) {
-        self.of.used.fetch_add(bytes, Ordering::Relaxed);
-        self.of.used.fetch_sub(self.bytes, Ordering::Relaxed);
-        self.bytes = bytes;
+        let before = self.charge.bytes();
+        self.charge.set(bytes);
+        self.count(before);
+    }
+
+    fn count(&self, before: u64) {
+        let bytes = &self.totals.0.bytes;
+        bytes.fetch_add(self.charge.bytes(), Ordering::Relaxed);
+        bytes.fetch_sub(before, Ordering::Relaxed);
+    }
+
+    /// Most pairs that a search among all boxes of the scene may find, where an answer has room for so many: as many as
+    /// its client may take memory for, since rules leave few of them in the answer.
+    pub(crate) fn most_pairs(&self, of_answer: u64) -> u64 {
+        of_answer.max(self.charge.share().left() / BYTES_A_FOUND_PAIR)
     }
 }
 
-const BYTES_A_PAIR: u64 = 8;
+/// Bytes that a pair takes which a search among all finds: in the engine's list, sorted, in the list of before and in
+/// that of now.
+const BYTES_A_FOUND_PAIR: u64 = 32;
 
-#[derive(Clone, Debug)]
-pub(crate) struct SceneMemory(Arc<Shared>);
+/// How many scenes there are, and what they take.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct SceneTotals(Arc<Totals>);
 
-#[derive(Debug)]
-struct Shared {
-    limit: u64,
-    used: AtomicU64,
+#[derive(Debug, Default)]
+struct Totals {
+    bytes: AtomicU64,
     scenes: AtomicU64,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "scenes would take {needed_bytes} bytes, and may take {limit_bytes}: serve with a larger --max-scene-mib"
-)]
-pub(crate) struct NoRoom {
-    pub(crate) needed_bytes: u64,
-    pub(crate) limit_bytes: u64,
-}
-
-impl SceneMemory {
-    pub(crate) fn new(limit: u64) -> Self {
-        Self(Arc::new(Shared { limit, used: AtomicU64::new(0), scenes: AtomicU64::new(0) }))
-    }
-
-    fn charge(&self, bytes: u64) -> Result<SceneRoom, NoRoom> {
-        self.0.take(bytes)?;
-        self.0.scenes.fetch_add(1, Ordering::Relaxed);
-        Ok(SceneRoom { of: Arc::clone(&self.0), bytes })
-    }
-
-    /// Most pairs that a search among all boxes of a scene may find, where an answer has room for so many: as many as
-    /// all scenes may take memory for, since rules leave few of them in the answer.
-    pub(crate) fn most_pairs(&self, of_answer: u64) -> u64 {
-        of_answer.max(self.0.limit / BYTES_A_PAIR)
-    }
-
-    pub(crate) fn used(&self) -> (u64, u64) {
-        (self.0.scenes.load(Ordering::Relaxed), self.0.used.load(Ordering::Relaxed))
-    }
-}
-
-impl Shared {
-    fn take(&self, bytes: u64) -> Result<(), NoRoom> {
-        let needed = |used: u64| used.saturating_add(bytes);
-        let more = |used| (needed(used) <= self.limit).then(|| needed(used));
-        let taken = self.used.fetch_update(Ordering::Relaxed, Ordering::Relaxed, more);
-        let no_room = |used| NoRoom { needed_bytes: needed(used), limit_bytes: self.limit };
-        taken.map(drop).map_err(no_room)
+impl SceneTotals {
+    /// Scenes, and their bytes.
+    pub(crate) fn get(&self) -> (u64, u64) {
+        (self.0.scenes.load(Ordering::Relaxed), self.0.bytes.load(Ordering::Relaxed))
     }
 }
 
 impl Drop for SceneRoom {
     fn drop(&mut self) {
-        self.of.used.fetch_sub(self.bytes, Ordering::Relaxed);
-        self.of.scenes.fetch_sub(1, Ordering::Relaxed);
+        self.totals.0.bytes.fetch_sub(self.charge.bytes(), Ordering::Relaxed);
+        self.totals.0.scenes.fetch_sub(1, Ordering::Relaxed);
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use pairmask_transport::Budget;
+
     use super::*;
+
+    const MIB: u64 = 1 << 20;
 
     #[test]
     fn what_does_not_fit_several_gpus_is_kept_on_fewer() {
-        let memory = SceneMemory::new(100);
-        let (mut one, two) = (memory.charge(10).expect("room"), memory.charge(20).expect("room"));
-        let bytes = |copies: usize| 30 * copies as u64;
+        let share = Budget::new(200 * MIB, 1).share();
+        let totals = SceneTotals::default();
+        let mut one = SceneRoom::begin(&totals, &share).expect("room");
+        let two = share.charge(Memory::Own, 30 * MIB).expect("room");
+        let bytes = |copies: usize| 30 * MIB * copies as u64;
         assert_eq!([1, 2, 3, 4].map(|most| one.most_that_fit(most, bytes)), [1, 2, 2, 2]);
         drop(two);
         assert_eq!(one.most_that_fit(4, bytes), 3);
         assert!(one.grow_to(bytes(3)).is_ok() && one.grow_to(bytes(4)).is_err());
-        assert_eq!(one.most_that_fit(4, |_| 101), 1, "which is refused");
+        assert_eq!(one.most_that_fit(4, |_| 101 * MIB), 1, "which is refused");
     }
 
     #[test]
-    fn scenes_take_no_more_than_they_may_and_give_it_back() {
-        let memory = SceneMemory::new(100);
-        let mut one = memory.charge(40).expect("room");
-        let two = memory.charge(50).expect("room");
-        assert_eq!(memory.used(), (2, 90));
-        let refused = one.grow_to(51).expect_err("101 of 100");
-        assert_eq!(refused, NoRoom { needed_bytes: 101, limit_bytes: 100 });
-        assert!(one.grow_to(30).is_ok() && one.grow_to(50).is_ok());
-        assert!(memory.charge(1).is_err());
+    fn scenes_are_counted_as_they_come_grow_and_go() {
+        let share = Budget::new(200 * MIB, 1).share();
+        let totals = SceneTotals::default();
+        let mut one = SceneRoom::begin(&totals, &share).expect("room");
+        let two = SceneRoom::begin(&totals, &share).expect("room");
+        assert!(one.grow_to(101 * MIB).is_err() && one.grow_to(50 * MIB).is_ok());
+        assert_eq!(totals.get(), (2, 50 * MIB + BYTES_A_SCENE));
         drop(two);
-        one.set(120);
-        assert_eq!(memory.used(), (1, 120), "what is known afterwards may be more");
-        assert!(memory.charge(0).is_err());
+        one.set(120 * MIB);
+        assert_eq!(totals.get(), (1, 120 * MIB), "what is known afterwards may be more");
+        assert!(SceneRoom::begin(&totals, &share).is_err());
         drop(one);
-        assert_eq!(memory.used(), (0, 0));
-        assert!(memory.charge(u64::MAX).is_err());
+        assert_eq!((totals.get(), share.left()), ((0, 0), 100 * MIB));
     }
 }

@@ -141,7 +141,7 @@ impl Boxes {
             moved: MovedBoxes::default(),
             marked: MovedBoxes::default(),
             kept: RemainingBoxes::default(),
-            room: SceneRoom::begin(&tools.memory)?,
+            room: SceneRoom::begin(&tools.totals, &tools.shared)?,
             tools,
             members_bytes: 0,
             pending: Pending::default(),
@@ -176,7 +176,7 @@ impl Boxes {
 
     /// Most pairs that later edits may find where they look for all, where an answer has room for so many.
     pub fn limit_pairs(&mut self, of_answer: u64) {
-        let most = self.tools.memory.most_pairs(of_answer);
+        let most = self.room.most_pairs(of_answer);
         self.most_pairs = most;
         self.scene.limit_pairs(most);
     }

@@ -113,7 +113,11 @@ impl SharedScene {
             Err(refusal) => return Err(Box::new((open, refusal))),
         };
         let mut commit = Commit { open, request: *request, edit: scratch };
-        let read = commit.edit.copy(request, commit.open.pages()).map_err(Refusal::from);
+        let copy = commit.open.charge_copy();
+        let read = copy
+            .as_ref()
+            .map_err(|over| Refusal::from(*over))
+            .and_then(|_| commit.edit.copy(request, commit.open.pages()).map_err(Refusal::from));
         let allowed = read.and_then(|()| {
             let steps = commit.edit.steps()?;
             own.allow(Edit { steps: &steps }, is_first).map_err(Refusal::from)
