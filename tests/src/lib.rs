@@ -6,6 +6,7 @@
 
 pub mod attackers;
 pub mod audited;
+pub mod cancelled;
 pub mod casts;
 pub mod command_line;
 pub mod conformance;

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod bundles;
+mod cancelled;
 mod crowds;
 mod daemon;
 mod forms;
