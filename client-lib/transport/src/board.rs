@@ -7,6 +7,7 @@
 use std::ptr;
 use std::sync::Arc;
 use std::sync::atomic::{Ordering, fence};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use bytemuck::Zeroable;
 use pairmask_wire::board::{BOARD_PAGES, BoardWords, ENTRIES_AT, ENTRY_BYTES, Entry, PLACES};
@@ -69,6 +70,13 @@ impl OwnBoard {
         fence(Ordering::SeqCst);
     }
 
+    /// Says that the request in a place is sent now.
+    pub(super) fn stamp(&self, place: usize) {
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let ns = u64::try_from(now.as_nanos()).unwrap_or(u64::MAX);
+        self.words().sent_at[place].store(ns, Ordering::Relaxed);
+    }
+
     /// Says that a message of the other side was let go of.
     pub(super) fn release(&self, place: usize, number: u64) {
         self.words().released[place].store(number, Ordering::Release);
@@ -103,6 +111,11 @@ impl TheirBoard {
     /// Number of the last message in a place.
     pub(super) fn sent(&self, place: usize) -> u64 {
         self.words().sent[place].load(Ordering::Acquire)
+    }
+
+    /// When the last message in a place was sent, as the other side says.
+    pub(super) fn sent_at(&self, place: usize) -> u64 {
+        self.words().sent_at[place].load(Ordering::Relaxed)
     }
 
     /// Number of the last message of this side in a place that the other has let go of.

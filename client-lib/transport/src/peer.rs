@@ -266,8 +266,18 @@ impl Peer {
         let bytes = size_of_val(segment.pages(placed.offset, placed.pages)) as u64;
         let within_budget = segments.note(bytes);
         drop(segments);
+        let sent_at = self.theirs.sent_at(place);
         let peer = Arc::clone(self);
-        Some(CheckedRequest { peer, place, number, header, segment, placed, within_budget })
+        Some(CheckedRequest {
+            peer,
+            place,
+            number,
+            sent_at,
+            header,
+            segment,
+            placed,
+            within_budget,
+        })
     }
 
     /// Memory for an answer, of a pool whose pieces are large enough.
@@ -344,6 +354,7 @@ pub struct CheckedRequest {
     peer: Arc<Peer>,
     place: usize,
     number: u64,
+    sent_at: u64,
     header: RequestHeader,
     segment: Arc<Segment>,
     placed: Placed,
@@ -359,6 +370,11 @@ impl CheckedRequest {
     /// The payload; none where it does not lie in the sender's memory.
     pub fn pages(&self) -> &[Page] {
         self.segment.pages(self.placed.offset, self.placed.pages)
+    }
+
+    /// When it was sent, nanoseconds of the system's clock, as its client says; 0 where that does not.
+    pub const fn sent_at(&self) -> u64 {
+        self.sent_at
     }
 
     /// The memory of its client.

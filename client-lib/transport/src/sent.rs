@@ -82,6 +82,7 @@ impl SharedFrame {
         let number = link.next.fetch_add(1, Ordering::Relaxed);
         let (offset, pages) = (loan.offset(), loan.pages().len() as u64);
         let placed = Placed { segment, offset, pages };
+        link.own.stamp(place);
         link.own.send(place, number, Entry { placed, header: *header });
         if link.theirs.sleeps() {
             link.bell.ring();

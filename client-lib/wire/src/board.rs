@@ -30,6 +30,10 @@ pub struct BoardWords {
     pub released: [AtomicU64; PLACES],
     /// Whether this side sleeps and is to be woken; 0 while it looks by itself.
     pub sleeps: AtomicU64,
+    reserved: [u64; 7],
+    /// When the request in each place was sent, nanoseconds of the system's clock; 0 is not known. Requests of
+    /// several clients that a daemon finds at one look are taken in this order.
+    pub sent_at: [AtomicU64; PLACES],
 }
 
 /// Where the pages of a message lie.
@@ -55,7 +59,7 @@ pub struct Entry<H> {
 }
 
 const _: () = {
-    assert!(size_of::<BoardWords>() == 192 && size_of::<Placed>() == 24);
+    assert!(size_of::<BoardWords>() == 256 && size_of::<Placed>() == 24);
     assert!(size_of::<Entry<crate::ResponseHeader>>() <= ENTRY_BYTES);
     assert!(size_of::<Entry<crate::RequestHeader>>() <= ENTRY_BYTES);
     assert!(ENTRIES_AT + PLACES * ENTRY_BYTES <= BOARD_PAGES * PAGE_BYTES);

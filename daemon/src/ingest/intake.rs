@@ -15,6 +15,8 @@ pub struct Incoming {
 pub struct Intake {
     door: Arc<Door>,
     peers: Vec<Arc<Peer>>,
+    /// What one look has found, and when that was sent.
+    found: Vec<(u64, Incoming)>,
     /// Of the door, when the list was made.
     changes: Option<u64>,
 }
@@ -22,9 +24,10 @@ pub struct Intake {
 impl Intake {
     /// Of the clients behind a door.
     pub fn new(door: Arc<Door>) -> Self {
-        Self { door, peers: Vec::new(), changes: None }
+        Self { door, peers: Vec::new(), found: Vec::new(), changes: None }
     }
 
+    /// Gives what has come in the order in which it was sent, and that of one client in the order of its numbers.
     pub fn receive(&mut self, mut each: impl FnMut(Incoming)) {
         let changes = Some(self.door.changes());
         if self.changes != changes {
@@ -35,9 +38,16 @@ impl Intake {
                 peer.wakes_up();
             }
         }
-        for peer in &self.peers {
-            peer.receive(|request| each(Incoming { sender: request.sender(), request }));
+        let Self { peers, found, .. } = self;
+        for peer in peers.iter() {
+            let mut last = 0;
+            peer.receive(|request| {
+                last = request.sent_at().max(last);
+                found.push((last, Incoming { sender: request.sender(), request }));
+            });
         }
+        found.sort_by_key(|(sent_at, _)| *sent_at);
+        found.drain(..).for_each(|(_, incoming)| each(incoming));
     }
 
     /// Sleeps until a client sends, or until then.

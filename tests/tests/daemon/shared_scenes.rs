@@ -343,3 +343,23 @@ fn a_member_joins_again_without_the_lists_of_a_lease_that_it_gave_back() {
     });
     assert_eq!(answer, [[11, 13], [12, 13]]);
 }
+
+/// Requests of several processes have no queue in common, and are taken in the order in which they were sent all the same.
+#[test]
+fn a_commit_that_was_sent_before_the_last_writers_is_part_of_its_tick() {
+    let daemon = TestDaemon::of_cores();
+    let options = SceneOptions::default().with_tick_deadline(LONG).with_scope(Scope::All);
+    let mut writer = Member::join(&daemon, "order", 0..10, &options);
+    let mut sessions = [(); 2].map(|()| daemon.connect());
+    let mut listeners =
+        sessions.each_mut().map(|s| s.scene(options.clone().with_shared("order")).unwrap());
+    for round in 0..300 {
+        let [one, two] = &mut listeners;
+        let pending = [one, two].map(|scene| scene.edit().submit(Report::Changes).unwrap());
+        let tick =
+            writer.scene.edit().set(3, at(round as f32)).commit(Report::Changes).unwrap().tick();
+        for pending in pending {
+            assert_eq!(pending.wait().unwrap().tick(), tick, "round {round}");
+        }
+    }
+}
