@@ -6,13 +6,14 @@
 
 use std::ptr;
 use std::sync::Arc;
-use std::sync::atomic::{Ordering, fence};
+use std::sync::atomic::Ordering;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use bytemuck::Zeroable;
 use pairmask_wire::board::{BOARD_PAGES, BoardWords, ENTRIES_AT, ENTRY_BYTES, Entry, PLACES};
 use pairmask_wire::{PAGE_BYTES, Page};
 
+use crate::handshake;
 use crate::pool::{Chunk, Pool};
 use crate::room::PopulateError;
 use crate::segment::Segment;
@@ -65,9 +66,7 @@ impl OwnBoard {
             ptr::with_exposed_provenance_mut::<Entry<H>>(entry_at(self.address, place))
                 .write_volatile(entry);
         }
-        self.words().sent[place].store(number, Ordering::Release);
-        // Who looks whether the other side sleeps does so after this: see `falls_asleep`.
-        fence(Ordering::SeqCst);
+        handshake::announce(&self.words().sent[place], number);
     }
 
     /// Says that the request in a place is sent now.
@@ -79,19 +78,17 @@ impl OwnBoard {
 
     /// Says that a message of the other side was let go of.
     pub(super) fn release(&self, place: usize, number: u64) {
-        self.words().released[place].store(number, Ordering::Release);
+        handshake::release(&self.words().released[place], number);
     }
 
     /// Says that this side sleeps from now on: messages that are not seen by a look after this wake it.
     pub(super) fn falls_asleep(&self) {
-        self.words().sleeps.store(1, Ordering::Relaxed);
-        // The look that follows sees a message, or its sender sees that this side sleeps.
-        fence(Ordering::SeqCst);
+        handshake::fall_asleep(&self.words().sleeps);
     }
 
     /// Says that this side looks by itself.
     pub(super) fn wakes_up(&self) {
-        self.words().sleeps.store(0, Ordering::Relaxed);
+        handshake::wake_up(&self.words().sleeps);
     }
 }
 
@@ -110,7 +107,7 @@ impl TheirBoard {
 
     /// Number of the last message in a place.
     pub(super) fn sent(&self, place: usize) -> u64 {
-        self.words().sent[place].load(Ordering::Acquire)
+        handshake::last(&self.words().sent[place])
     }
 
     /// When the last message in a place was sent, as the other side says.
@@ -120,12 +117,12 @@ impl TheirBoard {
 
     /// Number of the last message of this side in a place that the other has let go of.
     pub(super) fn released(&self, place: usize) -> u64 {
-        self.words().released[place].load(Ordering::Acquire)
+        handshake::last(&self.words().released[place])
     }
 
     /// Whether the other side is to be woken.
     pub(super) fn sleeps(&self) -> bool {
-        self.words().sleeps.load(Ordering::Relaxed) != 0
+        handshake::sleeps(&self.words().sleeps)
     }
 
     /// A copy of an entry.

@@ -7,7 +7,7 @@
 //! instance, runtime_dir, trust, foreign, liveness, status_file   files by which a daemon is found, and whether it lives
 //! socket, door                                                   who is let in; descriptors of memory
 //! pool, segment, guard, memory, room                             own memory, the other's, what may be missing
-//! board                                                          what was sent, and let go of
+//! board, handshake                                               what was sent, and let go of
 //! budget                                                         memory that a daemon may take, by client
 //! peer                                                           a client as its daemon has it
 //! link, waiting, sent, receiving, exchange, vigil                a daemon as its client has it
@@ -21,6 +21,7 @@ mod error;
 mod exchange;
 mod foreign;
 mod guard;
+mod handshake;
 mod instance;
 mod limits;
 mod link;
@@ -41,6 +42,8 @@ mod status_file;
 mod trust;
 mod vigil;
 mod waiting;
+
+use std::sync::atomic;
 
 pub use budget::{Budget, Charge, Memory, OverBudget, Share};
 pub use cleanup::remove_left_files;

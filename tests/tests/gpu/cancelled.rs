@@ -34,6 +34,9 @@ fn a_frame_of_the_grid_ends_before_its_second_submission() {
     assert_eq!(grid.cull(&input, &mut reply).unwrap().pair_count, 3_000 * 2_999 / 2);
 }
 
+/// What is asked of a scene.
+type Ask<'a> = &'a dyn Fn(&mut GpuScene) -> Result<Vec<u32>, QueryError>;
+
 #[test]
 fn scenes_end_between_submissions() {
     let tools = scene_tools(0, &EngineOptions::default());
@@ -57,7 +60,6 @@ fn scenes_end_between_submissions() {
         scene.query(&moved, QueryFilterData::None, &mut found)?;
         Ok(found.into_flattened())
     };
-    type Ask<'a> = &'a dyn Fn(&mut GpuScene) -> Result<Vec<u32>, QueryError>;
     let all: [(&str, Ask<'_>); 2] = [("cast", &cast), ("query", &query)];
     for (what, ask) in all {
         let looks = Looks::left(u64::MAX);

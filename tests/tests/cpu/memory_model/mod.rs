@@ -10,7 +10,7 @@
 use loom::cell::UnsafeCell;
 use loom::model::Builder;
 use loom::sync::Arc;
-use loom::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use loom::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use loom::thread;
 
 /// The files as they are.
@@ -18,6 +18,8 @@ use loom::thread;
 mod checked {
     use loom::sync::atomic;
 
+    #[path = "client-lib/transport/src/handshake.rs"]
+    pub mod handshake;
     #[path = "client-lib/core/src/team/phases.rs"]
     pub mod phases;
     #[path = "daemon/src/serve/worker_threads/sleeper.rs"]
@@ -35,6 +37,8 @@ mod broken {
         pub fn fence(_: Ordering) {}
     }
 
+    #[path = "client-lib/transport/src/handshake.rs"]
+    pub mod handshake;
     #[path = "client-lib/core/src/team/phases.rs"]
     pub mod phases;
     #[path = "daemon/src/serve/worker_threads/sleeper.rs"]
@@ -161,4 +165,82 @@ fn one_thread_has_the_turn() {
         let used = used.with(|used| unsafe { *used });
         assert_eq!(used, 3);
     });
+}
+
+/// A side sends a message while the other falls asleep. It is seen by the look that follows, or the sleeper is woken.
+macro_rules! send_to_a_sleeper {
+    ($($side:tt)+) => {
+        model(|| {
+            use $($side)+ as handshake;
+            let words = Arc::new((AtomicU64::new(0), AtomicU64::new(0)));
+            let sleeper = {
+                let words = Arc::clone(&words);
+                thread::spawn(move || {
+                    let (sent, sleeps) = &*words;
+                    handshake::fall_asleep(sleeps);
+                    handshake::last(sent) == 1
+                })
+            };
+            let (sent, sleeps) = &*words;
+            handshake::announce(sent, 1);
+            let is_woken = handshake::sleeps(sleeps);
+            let has_seen = sleeper.join().unwrap();
+            assert!(has_seen || is_woken, "a message that nobody reads");
+        });
+    };
+}
+
+#[test]
+fn a_message_is_seen_or_wakes_who_fell_asleep() {
+    send_to_a_sleeper!(checked::handshake);
+}
+
+#[test]
+#[should_panic(expected = "a message that nobody reads")]
+fn without_its_fences_a_message_is_missed() {
+    send_to_a_sleeper!(broken::handshake);
+}
+
+/// A place is written to, read, let go of and written to again: loom refuses a read beside a write.
+fn use_a_place_again(is_awaited: bool) {
+    model(move || {
+        let words = Arc::new((AtomicU64::new(0), AtomicU64::new(0)));
+        let place = Arc::new(UnsafeCell::new(0));
+        let reader = {
+            let (words, place) = (Arc::clone(&words), Arc::clone(&place));
+            thread::spawn(move || {
+                let (sent, released) = &*words;
+                let number = checked::handshake::last(sent);
+                if number > 0 {
+                    // SAFETY: what was announced is there until it is let go of; loom checks it.
+                    #[allow(unsafe_code)]
+                    let message = place.with(|place| unsafe { *place });
+                    assert_eq!(message, number);
+                    checked::handshake::release(released, number);
+                }
+            })
+        };
+        let (sent, released) = &*words;
+        for number in 1..=2 {
+            if number == 2 && is_awaited && checked::handshake::last(released) != 1 {
+                break;
+            }
+            // SAFETY: the place is free; loom checks it.
+            #[allow(unsafe_code)]
+            place.with_mut(|place| unsafe { *place = number });
+            checked::handshake::announce(sent, number);
+        }
+        reader.join().unwrap();
+    });
+}
+
+#[test]
+fn a_place_is_written_to_when_it_was_let_go_of() {
+    use_a_place_again(true);
+}
+
+#[test]
+#[should_panic(expected = "Causality violation")]
+fn a_place_that_is_still_read_is_not_to_be_written_to() {
+    use_a_place_again(false);
 }
