@@ -16,7 +16,7 @@ use crate::Result;
 use crate::processes::Daemon;
 use crate::sabotage::Sabotage;
 use crate::stress::clients::{ClientSettings, ClientsRun, limits};
-use crate::stress::{Requested, Roster, StressReport, run};
+use crate::stress::{MOST_FAILURES, Requested, Roster, StressReport, clock_seed, run};
 
 /// Put every engine through hard scenes and compare with a naive oracle
 #[derive(Debug, Args)]
@@ -146,14 +146,17 @@ impl Stress {
                 requested: self.requested(),
                 with_gpu: false,
                 is_abrupt: self.kills,
+                pace: None,
             },
             time: Duration::from_secs(self.seconds),
+            most_failures: MOST_FAILURES,
             replay,
         };
         let bar = progress_bar(self.seconds, "hard scenes");
-        let report = run.run(|answers, time| {
+        let report = run.run(|crowd, time| {
             bar.set_position(time.as_secs());
-            bar.set_message(format!("{answers} answers"));
+            bar.set_message(format!("{} answers", crowd.answers()));
+            Ok(if self.kills { crowd.kill_at_times() } else { Ok(()) }?)
         })?;
         bar.finish_and_clear();
         Ok(report)
@@ -167,11 +170,6 @@ impl Stress {
 
     /// The seed of the run or of the one case; by default from the clock.
     fn seed(&self) -> u64 {
-        self.case.or(self.seed).unwrap_or_else(|| {
-            let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
-            now.map_or(1, |time| {
-                u64::from(time.subsec_micros()) + 1_000_000 * (time.as_secs() % 1_000)
-            })
-        })
+        self.case.or(self.seed).unwrap_or_else(clock_seed)
     }
 }

@@ -29,12 +29,12 @@ pub(crate) use report::{Failure, StressReport};
 pub(crate) use roster::{Requested, Roster};
 pub use spheres::SphereCase;
 
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use pairmaskd::scene::Random;
 
 /// Failures after which a run ends: more of them say nothing new.
-const MOST_FAILURES: usize = 10;
+pub(crate) const MOST_FAILURES: usize = 10;
 
 pub(crate) struct Subject {
     pub(crate) name: String,
@@ -45,6 +45,12 @@ pub(crate) struct Subject {
 }
 
 type Answering = dyn FnMut(&Case) -> Result<Reply, Finding>;
+
+/// A seed that is another one for each run.
+pub(crate) fn clock_seed() -> u64 {
+    let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+    now.map_or(1, |time| u64::from(time.subsec_micros()) + 1_000_000 * (time.as_secs() % 1_000))
+}
 
 /// Runs the case of the seed, or with a time case after case of its stream, until the time is over.
 pub(crate) fn run(

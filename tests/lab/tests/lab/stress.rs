@@ -49,7 +49,7 @@ fn what_is_broken_is_caught_within_seconds_and_replayed() {
 
 /// The fields of `clients`, and of its `daemon`.
 const CLIENTS: &str =
-    "count sessions frames edits unread in_process unanswered killed broken daemon";
+    "count sessions frames edits queries unread in_process unanswered killed broken daemon";
 const DAEMON: &str = "serves was_restarted frames errors audit";
 
 /// Runs of clients that are killed, of which one is to succeed: once in some dozens the transport gives the answer

@@ -26,6 +26,9 @@ const STOCK: usize = 5;
 const LARGE_ONE_IN: u64 = 10;
 /// One edit in so many begins a scene anew.
 const NEW_SCENE_ONE_IN: u64 = 60;
+/// One compared edit in so many is followed by queries, by at most so many boxes.
+const QUERY_ONE_IN: u64 = 4;
+const MOST_QUERIES: usize = 50;
 const REPORT_INTERVAL: Duration = Duration::from_millis(200);
 /// Lost or wrong frames after which a client ends: more of them say nothing new.
 const MOST_FAILURES: u32 = 10;
@@ -41,6 +44,16 @@ pub struct ClientSettings {
     pub with_gpu: bool,
     /// Whether clients are killed now and then, and close sessions with frames under way.
     pub is_abrupt: bool,
+    /// The pace of clients that leave most of a core alone; `None` for requests one after the other.
+    pub pace: Option<Pace>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Pace {
+    /// Sessions at a time of every client: what a daemon takes varies with their number.
+    pub sessions: u64,
+    /// Mean pause between two steps.
+    pub pause: Duration,
 }
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -57,6 +70,7 @@ pub struct Counts {
     pub sessions: u64,
     pub frames: u64,
     pub edits: u64,
+    pub queries: u64,
     pub unread: u64,
     pub in_process: u64,
     pub unanswered: u64,
@@ -67,6 +81,7 @@ impl Counts {
         self.sessions += other.sessions;
         self.frames += other.frames;
         self.edits += other.edits;
+        self.queries += other.queries;
         self.unread += other.unread;
         self.in_process += other.in_process;
         self.unanswered += other.unanswered;
@@ -143,13 +158,19 @@ impl ClientSettings {
 impl Client<'_> {
     fn work(&mut self) {
         self.cases += self.kept.len() as u64;
-        for _ in 0..=self.random.below(MOST_SESSIONS) {
+        let pace = self.settings.pace;
+        let drawn = |random: &mut Random| 1 + random.below(MOST_SESSIONS);
+        let sessions = pace.map_or_else(|| drawn(&mut self.random), |pace| pace.sessions);
+        for _ in 0..sessions {
             if !self.open() {
                 return;
             }
         }
         self.stock = (0..STOCK).map(|_| self.next_case()).collect();
         while !self.is_over.load(Ordering::Relaxed) && self.failures < MOST_FAILURES {
+            if let Some(Pace { pause, .. }) = pace {
+                std::thread::sleep(pause.mul_f32(2.0 * self.random.unit()));
+            }
             let session = self.below(self.sessions.len());
             if !self.step(session) {
                 break;
@@ -308,9 +329,29 @@ impl Client<'_> {
             Ok(compared) => self.answered(by, compared.map(drop)),
             Err(error) => self.unanswered(&error),
         };
+        let found = found.and_then(|()| self.query(session, case));
         if let Err(finding) = found {
             self.sessions[session].kept = None;
             self.fail(session, case, Form::Scene, finding);
+        }
+    }
+
+    /// Queries the session's scene, once in a few calls, by boxes of a case.
+    fn query(&mut self, session: usize, case: &Case) -> Result<(), Finding> {
+        let boxes = &case.boxes[..case.boxes.len().min(MOST_QUERIES)];
+        let Some((scene, model)) = &mut self.sessions[session].kept else { return Ok(()) };
+        // A scene without boxes is answered in this process, and rightly so.
+        let is_nothing = boxes.is_empty() || scene.is_empty();
+        if is_nothing || self.random.below(QUERY_ONE_IN) > 0 {
+            return Ok(());
+        }
+        self.counts.queries += 1;
+        match case.flags.caller.run(|| scene.query(boxes)) {
+            Ok(answer) => {
+                let compared = model.check_query(boxes, answer.to_vec());
+                self.answered(answer.served_by(), compared)
+            }
+            Err(error) => self.unanswered(&error),
         }
     }
 

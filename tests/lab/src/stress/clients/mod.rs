@@ -6,39 +6,33 @@
 //! when the last one is lost: the daemon's supervisor starts another worker, and such a run ends as failed.
 
 mod client;
+mod crowd;
 mod offer;
 mod scene_client;
 
-pub use client::{ClientSettings, Counts};
+pub use client::{ClientSettings, Counts, Pace};
+pub(crate) use crowd::{Crowd, ENDS_WITHIN};
 
-use std::collections::BTreeMap;
+use std::fmt;
 use std::num::NonZeroU16;
-use std::ops::Range;
-use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
-use std::{fmt, io};
 
 use pairmask::{Aabb, Backend, Error, ServedBy, Session, SessionBuilder};
 use pairmask_core::engine::{EngineChoice, EngineName};
 use pairmask_transport::Limits;
 use pairmask_wire::StatusBody;
-use pairmaskd::scene::Random;
 use serde::Serialize;
 
-use self::client::{DEADLINE, FailedFrame, MOST_SESSIONS, Said};
+use self::client::{DEADLINE, FailedFrame, MOST_SESSIONS};
 use self::offer::Offer;
+use super::Case;
 use super::report::{Failure, StressReport};
-use super::{Case, MOST_FAILURES};
 use crate::Result;
-use crate::processes::{Daemon, Work, Worker};
+use crate::processes::Daemon;
 
 /// Slots for sessions beside those of the living clients: a killed one's are free after about a second.
 const SPARE_SLOTS: usize = 32;
-const BETWEEN_KILLS_MS: Range<u64> = 200..1_500;
 const TICK: Duration = Duration::from_millis(50);
-/// A client that has not ended this long after it was asked to hangs: it waits for a few frames first.
-const ENDS_WITHIN: Duration = DEADLINE.saturating_add(Duration::from_secs(30));
-
 pub fn limits(clients: NonZeroU16) -> Limits {
     let default = Limits::default();
     let needed = usize::from(clients.get()) * MOST_SESSIONS as usize + SPARE_SLOTS;
@@ -70,12 +64,16 @@ impl ClientsReport {
 impl fmt::Display for ClientsReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { count, killed, .. } = self;
-        let Counts { sessions, frames, edits, unread, in_process, unanswered, .. } = &self.counts;
+        let Counts { sessions, frames, edits, queries, unread, in_process, unanswered } =
+            &self.counts;
         for why in &self.broken {
             writeln!(f, "BROKEN CLIENT: {why}")?;
         }
         write!(f, "{count} clients, {sessions} sessions, {killed} killed; ")?;
-        writeln!(f, "{frames} frames, {edits} edits of scenes, {unread} left unread")?;
+        writeln!(
+            f,
+            "{frames} frames, {edits} edits of scenes, {queries} queries, {unread} left unread"
+        )?;
         writeln!(f, "lost: {unanswered} without an answer, {in_process} answered in process")?;
         let DaemonReport { serves, was_restarted, frames, errors, audit } = &self.daemon;
         let serves = if *serves { "serves" } else { "DOES NOT SERVE" };
@@ -98,12 +96,19 @@ pub struct ClientsRun {
     /// Those of the run; each client has a seed of its own.
     pub settings: ClientSettings,
     pub time: Duration,
+    /// Lost or wrong answers after which the run ends.
+    pub most_failures: usize,
     /// The command that runs a case again, without the case.
     pub replay: String,
 }
 
 impl ClientsRun {
-    pub fn run(&self, mut watch: impl FnMut(u64, Duration)) -> Result<StressReport> {
+    /// Runs the clients. `turn` is called every few milliseconds, with the time since they began: it may start clients,
+    /// kill them and ask them to end.
+    pub(crate) fn run(
+        &self,
+        mut turn: impl FnMut(&mut Crowd<'_>, Duration) -> Result<()>,
+    ) -> Result<StressReport> {
         let start = Instant::now();
         let look = Look::before(&self.daemon.session())?;
         let settings = ClientSettings { with_gpu: look.has_gpu, ..self.settings.clone() };
@@ -113,58 +118,19 @@ impl ClientsRun {
                         of the GPU need a daemon that has one"
                 .into());
         }
-        let (received, ears) = channel();
-        let mut crowd = Crowd {
-            daemon: &self.daemon,
-            random: Random::new(settings.seed),
-            settings,
-            received,
-            ears,
-            clients: BTreeMap::new(),
-            started: 0,
-            failed: Vec::new(),
-            cases: 0,
-            answers: 0,
-            report: ClientsReport { count: self.clients.get().into(), ..ClientsReport::default() },
-        };
+        let mut crowd = Crowd::new(&self.daemon, settings, self.clients.get().into());
         for _ in 0..self.clients.get() {
             crowd.start()?;
         }
         let began = Instant::now();
-        let pause = |random: &mut Random| {
-            let Range { start, end } = BETWEEN_KILLS_MS;
-            Duration::from_millis(start + random.below(end - start))
-        };
-        let mut next_kill = began + pause(&mut crowd.random);
         while began.elapsed() < self.time
-            && crowd.failed.len() < MOST_FAILURES
-            && !crowd.clients.is_empty()
+            && crowd.failed.len() < self.most_failures
+            && !crowd.is_empty()
         {
-            if let Ok((number, said)) = crowd.ears.recv_timeout(TICK) {
-                crowd.note(number, said);
-            }
-            watch(crowd.answers, began.elapsed());
-            if self.settings.is_abrupt && Instant::now() >= next_kill {
-                // One of them, wherever it is, with SIGKILL.
-                let which = crowd.random.below(crowd.clients.len().max(1) as u64) as usize;
-                if let Some(number) = crowd.clients.keys().nth(which).copied() {
-                    crowd.clients.remove(&number);
-                }
-                crowd.report.killed += 1;
-                crowd.start()?;
-                next_kill = Instant::now() + pause(&mut crowd.random);
-            }
+            crowd.listen(TICK);
+            turn(&mut crowd, began.elapsed())?;
         }
-        crowd.clients.values_mut().for_each(|(worker, _)| worker.end());
-        let deadline = Instant::now() + ENDS_WITHIN;
-        while !crowd.clients.is_empty() {
-            let left = deadline.saturating_duration_since(Instant::now());
-            let Ok((number, said)) = crowd.ears.recv_timeout(left) else { break };
-            crowd.note(number, said);
-        }
-        for (number, _) in std::mem::take(&mut crowd.clients) {
-            crowd.report.broken.push(format!("client {number} does not end when it is asked to"));
-        }
+        crowd.end_all();
         let Crowd { failed, report: mut clients, cases, answers, .. } = crowd;
         clients.daemon = look.after().unwrap_or_default();
         let seed = self.settings.case.unwrap_or(self.settings.seed);
@@ -178,58 +144,6 @@ impl ClientsRun {
             report.fail(Failure::new(&case, form, subject, replay, finding));
         }
         Ok(report)
-    }
-}
-
-struct Crowd<'a> {
-    daemon: &'a Daemon,
-    random: Random,
-    settings: ClientSettings,
-    received: Sender<(u64, Option<Said>)>,
-    ears: Receiver<(u64, Option<Said>)>,
-    /// The clients by number, and whether each has said its last words.
-    clients: BTreeMap<u64, (Worker, bool)>,
-    started: u64,
-    failed: Vec<FailedFrame>,
-    cases: u64,
-    answers: u64,
-    report: ClientsReport,
-}
-
-impl Crowd<'_> {
-    fn start(&mut self) -> io::Result<()> {
-        let settings = ClientSettings { seed: self.random.bits(), ..self.settings.clone() };
-        let (number, received) = (self.started, self.received.clone());
-        self.started += 1;
-        // Nobody reads what a client reports after the run.
-        let receive = move |said| drop(received.send((number, said)));
-        let worker = self.daemon.start(&Work::Stress(settings), receive)?;
-        self.clients.insert(number, (worker, false));
-        Ok(())
-    }
-
-    fn note(&mut self, number: u64, said: Option<Said>) {
-        // One that was killed is no longer among the clients.
-        match said {
-            Some(Said::Counted([cases, answers], counts)) => {
-                self.cases += cases;
-                self.answers += answers;
-                self.report.counts.add(&counts);
-            }
-            Some(Said::Failed(failed)) => self.failed.push(*failed),
-            Some(Said::Ended(why)) => {
-                if let Some((_, has_ended)) = self.clients.get_mut(&number) {
-                    *has_ended = true;
-                    let why = why.map(|why| format!("client {number}: {why}"));
-                    self.report.broken.extend(why);
-                }
-            }
-            None => {
-                if let Some((_, false)) = self.clients.remove(&number) {
-                    self.report.broken.push(format!("client {number}: it died"));
-                }
-            }
-        }
     }
 }
 

@@ -7,7 +7,7 @@
 use std::collections::BTreeSet;
 
 use pairmask::{Aabb, Report, SceneOptions};
-use pairmask_core::oracle::{Pair, truth};
+use pairmask_core::oracle::{Corners, Pair, truth};
 use pairmask_core::scene::{Sets, Step};
 use pairmaskd::scene::Random;
 
@@ -78,6 +78,24 @@ impl SceneClient {
         let steps = [Step::Remove((&removed).into()), Step::Set(sets)];
         let Some(received) = ask(&steps, report, is_read)? else { return Ok(Ok(false)) };
         Ok(self.check(&received, report).map(|()| true))
+    }
+
+    /// Compares pairs (query, index) that queries have found with those of now, each box against each.
+    pub(super) fn check_query(
+        &self,
+        queries: &[Aabb],
+        mut found: Vec<[u32; 2]>,
+    ) -> Result<(), Finding> {
+        let boxes: Vec<_> = self.boxes.iter().map(|b| b.as_ref().map(Corners::of)).collect();
+        let mut expected = Vec::new();
+        for (query, asked) in (0..).zip(queries) {
+            let asked = Corners::of(asked);
+            let overlaps = |of: &Option<Corners>| of.as_ref().is_some_and(|of| of.overlap(&asked));
+            let indices = (0..).zip(&boxes).filter(|(_, of)| overlaps(of));
+            expected.extend(indices.map(|(index, _)| [query, index]));
+        }
+        found.sort_unstable();
+        compare(&found, &expected, &expected)
     }
 
     /// Compares what a client knows from an answer with the pairs of now.
