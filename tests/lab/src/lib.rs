@@ -9,6 +9,7 @@ pub mod cli;
 mod gpu_stages;
 mod processes;
 pub mod sabotage;
+mod soak;
 pub mod stress;
 pub mod study;
 

@@ -5,6 +5,7 @@
 
 mod accuracy;
 pub(crate) mod load;
+mod soak;
 mod stress;
 mod studies;
 
@@ -34,6 +35,7 @@ Examples:
   pairmask-lab stress --clients 8              the same scenes by eight clients of a daemon
   pairmask-lab accuracy --out report           precision modes: time beside extra pairs
   pairmask-lab load --rate closed,60,240       clients at a pace, several at a time
+  pairmask-lab soak --seconds 7200             a mixed load on a daemon, and whether its worker stays flat
   pairmask-lab papers --only-records           the papers' tables and figures, theirs beside ours
 
 Exit status: 0 done; 1 it failed or a check failed; 2 the command line or configuration is wrong.";
@@ -43,6 +45,7 @@ enum Command {
     Stress(stress::Stress),
     Accuracy(Measured<accuracy::Accuracy>),
     Load(Measured<load::Load>),
+    Soak(Measured<soak::Soak>),
     Mapping(Measured<studies::Mapping>),
     Grid(Measured<studies::Grid>),
     GpuScene(Measured<studies::GpuSceneBench>),
@@ -50,7 +53,7 @@ enum Command {
     Threads(Measured<studies::ThreadsBench>),
     Spheres(Measured<studies::Spheres>),
     Papers(Measured<studies::Papers>),
-    /// A client process of `load` and `stress`.
+    /// A client process of `load`, `soak` and `stress`.
     #[command(hide = true)]
     Client {
         /// What it does, as JSON.
@@ -89,6 +92,7 @@ fn run(Cli { common, command }: &Cli) -> crate::Result<()> {
     match command {
         Command::Stress(stress) => stress.run(common),
         Command::Load(load) => load.run(common),
+        Command::Soak(soak) => soak.run(common),
         Command::Accuracy(accuracy) => accuracy.run(common),
         Command::Mapping(mapping) => mapping.run(common),
         Command::Grid(grid) => grid.run(common),
