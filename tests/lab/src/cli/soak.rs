@@ -4,30 +4,29 @@ use std::num::{NonZeroU16, NonZeroU32};
 use std::time::Duration;
 
 use clap::Args;
-use pairmaskd::audit::AuditRate;
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::cli::options::{CommonOptions, DaemonOptions};
 use pairmaskd::cli::output::{is_watched, print_aside, progress_bar};
 use pairmaskd::cli::program::WrongUsage;
 use pairmaskd::cli::whole_number::whole_number;
-use pairmaskd::serve::DaemonSettings;
-use pairmaskd::spawn::PrivateDaemon;
 
+use super::stress::ClientsDaemon;
 use super::studies::Study;
 use crate::Result;
 use crate::processes::Daemon;
 use crate::soak::{
     Growth, Probe, ProbeReport, Sample, Turnover, Verdict, Watch, growths, restarts,
 };
-use crate::stress::clients::{ClientSettings, ClientsRun, Pace, limits};
+use crate::stress::clients::{ClientSettings, ClientsRun, Pace};
 use crate::stress::{Requested, StressReport, clock_seed};
 use crate::study::harness::{Part, Report};
 
 /// Sessions of every client: always as many, since what a worker takes varies with them.
 const SESSIONS: u64 = 2;
-/// Mean pause of a client between two steps. Six clients and the probe take about a third of a core.
+/// Mean pause of a client between two steps. Ten clients, the probe and the daemon take about a
+/// fifth of a core.
 const PAUSE: Duration = Duration::from_millis(50);
-/// A daemon of this run audits one frame in so many: some each second.
+/// A daemon of this run audits one frame in so many, some each second: each more would cost the load a core's time.
 const AUDITED_ONE_IN: NonZeroU32 = NonZeroU32::new(50).expect("not zero");
 /// Samples in the shortest run: two for each quarter.
 const LEAST_SAMPLES: u64 = 8;
@@ -89,20 +88,9 @@ impl Study for Soak {
             let what = format!("--seconds has to be {least} at least, for {LEAST_SAMPLES} samples");
             return Err(WrongUsage(what).into());
         }
-        // The daemon that the user named, else one of this run.
-        let (dir, instance, _started) = if let Some(instance) = common.named_instance() {
-            (common.runtime_dir(), instance, None)
-        } else {
-            let settings = DaemonSettings {
-                limits: limits(self.clients),
-                audit: AuditRate::OneIn(AUDITED_ONE_IN),
-                ..self.options.private(common)
-            };
-            let started = PrivateDaemon::start(&std::env::current_exe()?, &settings)?;
-            (started.dir(), started.instance(), Some(started))
-        };
-        let daemon = Daemon::new(&dir, &instance, common.isa());
-        Ok(self.run(daemon, Watch::new(&dir, &instance))?.report())
+        let served = ClientsDaemon::new(self.clients, AUDITED_ONE_IN, &self.options, common)?;
+        let daemon = Daemon::new(&served.dir, &served.instance, common.isa());
+        Ok(self.run(daemon, Watch::new(&served.dir, &served.instance))?.report())
     }
 }
 
@@ -159,12 +147,10 @@ impl Soak {
 
 impl Soaked {
     fn fault(&self) -> Option<&'static str> {
-        let is_sound =
-            self.stress.is_clean() && self.probe.lost == 0 && restarts(&self.samples) == 0;
-        if !is_sound {
-            return Some(
-                "answers were wrong or lost, or clients, daemon or audit were not as they should be",
-            );
+        let is_served = self.probe.lost == 0 && restarts(&self.samples) == 0;
+        if !(self.stress.is_clean() && is_served) {
+            let unsound = "answers were wrong or lost, or clients, daemon or audit were not as they should be";
+            return Some(unsound);
         }
         let is_flat = self.growths.iter().all(|growth| growth.verdict == Verdict::Flat);
         (!is_flat).then_some("what the worker takes grew, or was not measured")
@@ -191,5 +177,49 @@ impl Soaked {
         report.list("samples", &self.samples);
         report.fault = self.fault();
         report
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stress::clients::ClientsReport;
+
+    #[test]
+    fn whatever_was_wrong_lost_or_grew_is_a_fault() {
+        let mut clients = ClientsReport::default();
+        clients.daemon.serves = true;
+        let clean = || Soaked {
+            stress: StressReport {
+                answers: 9,
+                clients: Some(clients.clone()),
+                ..StressReport::default()
+            },
+            left: 3,
+            samples: vec![Sample { worker_pid: Some(7), ..Sample::default() }; 2],
+            growths: vec![Growth {
+                quantity: "threads",
+                verdict: Verdict::Flat,
+                second_quarter: Some(9),
+                last_quarter: Some(9),
+                limit: Some(11),
+            }],
+            probe: ProbeReport { frames: 9, ..ProbeReport::default() },
+        };
+        assert_eq!(clean().fault(), None);
+        let spoils: [fn(&mut Soaked); 7] = [
+            |soaked| soaked.stress.answers = 0,
+            |soaked| soaked.stress.clients.as_mut().expect("clients").counts.unanswered = 1,
+            |soaked| soaked.stress.clients.as_mut().expect("clients").daemon.serves = false,
+            |soaked| soaked.probe.lost = 1,
+            |soaked| soaked.samples[1].worker_pid = Some(8),
+            |soaked| soaked.growths[0].verdict = Verdict::Grew,
+            |soaked| soaked.growths[0].verdict = Verdict::NotMeasured,
+        ];
+        for (number, spoil) in spoils.into_iter().enumerate() {
+            let mut soaked = clean();
+            spoil(&mut soaked);
+            assert!(soaked.report().fault.is_some(), "{number}");
+        }
     }
 }

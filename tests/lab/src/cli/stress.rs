@@ -5,6 +5,8 @@ use std::time::Duration;
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
+use pairmask_transport::RuntimeDir;
+use pairmask_wire::InstanceName;
 use pairmaskd::audit::AuditRate;
 use pairmaskd::cli::options::{CommonOptions, DaemonOptions};
 use pairmaskd::cli::output::{print_json, print_text, progress_bar};
@@ -79,6 +81,35 @@ pub struct Stress {
     break_engine: Option<Sabotage>,
 }
 
+/// The daemon of client processes: that which the user named, else one of this run.
+pub(super) struct ClientsDaemon {
+    pub(super) dir: RuntimeDir,
+    pub(super) instance: InstanceName,
+    _started: Option<PrivateDaemon>,
+}
+
+impl ClientsDaemon {
+    /// One that is started audits one frame in so many.
+    pub(super) fn new(
+        clients: NonZeroU16,
+        audited_one_in: NonZeroU32,
+        options: &DaemonOptions,
+        common: &CommonOptions,
+    ) -> Result<Self> {
+        if let Some(instance) = common.named_instance() {
+            return Ok(Self { dir: common.runtime_dir(), instance, _started: None });
+        }
+        let settings = DaemonSettings {
+            limits: limits(clients),
+            audit: AuditRate::OneIn(audited_one_in),
+            ..options.private(common)
+        };
+        let started = PrivateDaemon::start(&std::env::current_exe()?, &settings)?;
+        let (dir, instance) = (started.dir(), started.instance());
+        Ok(Self { dir, instance, _started: Some(started) })
+    }
+}
+
 impl Stress {
     pub fn run(&self, common: &CommonOptions) -> Result<()> {
         let report = match self.clients {
@@ -113,18 +144,7 @@ impl Stress {
     }
 
     fn with_clients(&self, clients: NonZeroU16, common: &CommonOptions) -> Result<StressReport> {
-        // The daemon that the user named, else one of this run, which audits every frame.
-        let (dir, instance, _started) = if let Some(instance) = common.named_instance() {
-            (common.runtime_dir(), instance, None)
-        } else {
-            let settings = DaemonSettings {
-                limits: limits(clients),
-                audit: AuditRate::OneIn(NonZeroU32::MIN),
-                ..self.options.private(common)
-            };
-            let started = PrivateDaemon::start(&std::env::current_exe()?, &settings)?;
-            (started.dir(), started.instance(), Some(started))
-        };
+        let daemon = ClientsDaemon::new(clients, NonZeroU32::MIN, &self.options, common)?;
         let Requested { engines, modes, threads } = self.requested();
         let (engines, modes) = (engines.join(","), modes.join(","));
         let replay = format!(
@@ -139,7 +159,7 @@ impl Stress {
         );
         let run = ClientsRun {
             clients,
-            daemon: Daemon::new(&dir, &instance, common.isa()),
+            daemon: Daemon::new(&daemon.dir, &daemon.instance, common.isa()),
             settings: ClientSettings {
                 seed: self.seed(),
                 case: self.case,

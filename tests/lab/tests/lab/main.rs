@@ -7,5 +7,6 @@ mod engine_benches;
 mod load;
 mod mistakes;
 mod papers;
+mod soak;
 mod stress;
 mod support;

@@ -24,6 +24,9 @@ fn a_mistake_is_reported_in_one_line() {
         ("load --mix 1x200,2x200", 2, "--mix has 400 clients: leave some out"),
         ("load --mix 1x2 --n 1", 2, "--mix and --n exclude each other"),
         ("load --seconds 0", 2, "must be at least 1"),
+        ("soak --seconds 79", 2, "--seconds has to be 80 at least, for 8 samples"),
+        ("soak --interval 0", 2, "must be at least 1"),
+        ("soak --seconds 80 --instance nobody", 1, "no daemon serves instance 'nobody'"),
         ("grid --n x", 2, "'x' for --n: must be a whole number"),
         ("accuracy --out boxes.f32", 1, "boxes.f32: it is no directory"),
         ("accuracy --gpu 99 --n 10", 1, "no GPU fits '99'"),
@@ -53,7 +56,7 @@ fn help_lists_what_works() {
         ("plan --help", &["--isa"], &["--instance"]),
         ("spheres --help", &["--gpu"], &["--isa", "--config"]),
         ("load --help", &["--instance", "[default: daemon]"], &[]),
-        ("--help", &["stress", "accuracy", "load"], &["\n  serve", "\n  client"]),
+        ("--help", &["stress", "accuracy", "load", "soak"], &["\n  serve", "\n  client"]),
     ] {
         let help = sandbox.run_line(line).stdout;
         assert!(listed.iter().all(|flag| help.contains(flag)), "{line}: {help}");

@@ -33,6 +33,7 @@ use crate::processes::Daemon;
 /// Slots for sessions beside those of the living clients: a killed one's are free after about a second.
 const SPARE_SLOTS: usize = 32;
 const TICK: Duration = Duration::from_millis(50);
+
 pub fn limits(clients: NonZeroU16) -> Limits {
     let default = Limits::default();
     let needed = usize::from(clients.get()) * MOST_SESSIONS as usize + SPARE_SLOTS;

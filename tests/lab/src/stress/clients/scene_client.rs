@@ -161,4 +161,25 @@ mod tests {
         scene.boxes[0] = None;
         assert!(scene.check(&all, Report::All).is_err());
     }
+
+    #[test]
+    fn a_query_that_misses_a_box_or_finds_another_one_is_noticed() {
+        let mut scene = SceneClient::new(&mut Random::new(1));
+        let at = |x: f32| Aabb::from([x, 0.0, 0.0, x + 1.0, 1.0, 1.0]);
+        for (slot, x) in scene.boxes.iter_mut().zip([0.0, 0.5, 9.0]) {
+            *slot = Some(at(x));
+        }
+        let queries = [at(0.0), at(9.5), at(50.0), Aabb::EMPTY];
+        let right = vec![[1, 2], [0, 1], [0, 0]];
+        assert_eq!(scene.check_query(&queries, right.clone()), Ok(()));
+        for wrong in [
+            vec![[0, 0], [0, 1]],
+            [&right[..], &[[0, 2]]].concat(),
+            [&right[..], &[[0, 0]]].concat(),
+        ] {
+            assert!(scene.check_query(&queries, wrong.clone()).is_err(), "{wrong:?}");
+        }
+        scene.boxes[2] = None;
+        assert!(scene.check_query(&queries, right).is_err());
+    }
 }
