@@ -42,9 +42,10 @@ then one in three is killed and the others leave, and another one is started. Be
 boxes stays and times its frames at 60 Hz.
 
 Every few seconds a sample is taken of what the daemon's worker takes: resident memory, descriptors, mappings,
-threads, and shared memory files. A quantity is flat where the median of the last quarter of its samples is no
-more than that of the second quarter and a tolerance, which the table states as the limit; the first
-quarter warms up. A leak of 1 % a minute is noticed within an hour.
+threads, and shared memory files. A quantity is flat where the median of the last quarter of its samples (of
+latencies the tenth percentile, since other programs slow frames down) is no more than that of the second quarter
+and a tolerance, which the table states as the limit; the first quarter warms up. Two hours notice a leak of
+1 % a minute, ten minutes one of a descriptor for each session.
 
 The daemon is started for the run and audits one frame in 50, or is a running one (--instance; it needs
 --max-clients of 3 a client and 32 more), which no other client should use meanwhile. --out has all samples.
