@@ -6,7 +6,7 @@
 //! ```text
 //! instance, runtime_dir, trust, foreign, liveness, status_file   files by which a daemon is found, and whether it lives
 //! socket, door                                                   who is let in; descriptors of memory
-//! pool, segment, guard, memory, room                             own memory, the other's, what may be missing
+//! pool, segment, guard, memory, room, fork                       own memory, the other's, what may be missing
 //! board, handshake                                               what was sent, and let go of
 //! budget                                                         memory that a daemon may take, by client
 //! peer                                                           a client as its daemon has it
@@ -20,6 +20,7 @@ mod door;
 mod error;
 mod exchange;
 mod foreign;
+mod fork;
 mod guard;
 mod handshake;
 mod instance;

@@ -15,6 +15,7 @@ use pairmask_wire::{CachedRules, InstanceError, InstanceName, PAGE_BYTES, Versio
 use crate::board::{OwnBoard, TheirBoard};
 use crate::error::{OpenError, TransportError};
 use crate::foreign::foreign_owner;
+use crate::fork::Maker;
 use crate::instance::RuntimeDir;
 use crate::limits::FRAMES_AT_A_TIME;
 use crate::link_error::LinkError;
@@ -103,6 +104,7 @@ pub(super) enum Place {
 /// A connection to one daemon process.
 pub struct Link {
     token: u64,
+    maker: Maker,
     memory: Mutex<Memory>,
     pub(super) own: OwnBoard,
     pub(super) theirs: TheirBoard,
@@ -212,6 +214,7 @@ impl Link {
         let (segment, theirs, bell) = waits.be_let_in(&pool, own.offset()).map_err(open)?;
         let link = Self {
             token: RandomState::new().build_hasher().finish(),
+            maker: Maker::here(),
             memory: Mutex::new(Memory { pool, segment: 0, last_sent: 0 }),
             own,
             theirs,
@@ -250,9 +253,14 @@ impl Link {
         self.token
     }
 
-    /// Whether its daemon lives.
+    /// Whether its daemon lives. A forked child has none: the connection is its parent's.
     pub fn is_alive(&self) -> bool {
-        self.daemon.is_alive()
+        self.is_own() && self.daemon.is_alive()
+    }
+
+    /// Whether this process has made it, and not a parent of it.
+    pub(super) fn is_own(&self) -> bool {
+        self.maker.is_here()
     }
 
     /// Whether a response was valid enough to be looked at.
@@ -282,6 +290,9 @@ impl Link {
 
     /// Memory of a pool whose pieces are large enough, and the number of its segment.
     pub(super) fn lend(&self, pages: usize) -> Result<(Chunk, u64), LinkError> {
+        if !self.is_own() {
+            return Err(LinkError::Died);
+        }
         self.take_back();
         let mut memory = lock(&self.memory);
         if memory.pool.pages() < pages {

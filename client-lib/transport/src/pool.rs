@@ -32,6 +32,7 @@ use rustix::mm::{Advice, MapFlags, ProtFlags, madvise, mmap_anonymous};
 
 use crate::budget::{Charge, Memory, Share};
 use crate::error::{OpenError, TransportError};
+use crate::fork::Maker;
 use crate::guard::Guarded;
 use crate::instance::{SHM_DIR, shared_files};
 use crate::locked::lock;
@@ -81,8 +82,7 @@ struct Piece {
     present: usize,
     /// When more than half of them were needed last.
     needed_at: Instant,
-    /// The process that made it.
-    process: u32,
+    maker: Maker,
     /// For what is present, beside the page that stays; `None` where nobody counts.
     charge: Option<Charge>,
 }
@@ -126,7 +126,7 @@ impl Drop for Piece {
     fn drop(&mut self) {
         // The other side may hold the segment mapped for long. A child of this process that ends has part in the memory
         // too, and leaves it to its parent.
-        if self.process == std::process::id() {
+        if self.maker.is_here() {
             self.remove_pages();
         }
     }
@@ -304,7 +304,7 @@ impl Piece {
             first,
             present: 0,
             needed_at: Instant::now(),
-            process: std::process::id(),
+            maker: Maker::here(),
             charge: share.map(|share| share.nothing(Memory::Shared)),
         })
     }
@@ -415,6 +415,11 @@ impl Chunk {
 impl Drop for Chunk {
     fn drop(&mut self) {
         let Some(piece) = self.piece.take() else { return };
+        if !piece.maker.is_here() {
+            // Another thread of the parent may have had the lock, which nobody gives back in its child.
+            std::mem::forget(piece);
+            return;
+        }
         let mut free = lock(&self.pool.free);
         if !free.is_retired {
             free.pieces.push(piece);

@@ -34,6 +34,9 @@ impl Link {
         if pending.is_answered() {
             return Ok(true);
         }
+        if !self.is_own() {
+            return Err(LinkError::Died);
+        }
         let Expected { nap, round_trip, threads } = expected;
         // The daemon may have answered before it died: the response is looked for after the daemon.
         let look = |seen: Seen| match (pending.is_answered(), seen) {

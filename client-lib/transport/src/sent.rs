@@ -131,6 +131,9 @@ impl Link {
     }
 
     fn await_place(&self) -> Result<usize, LinkError> {
+        if !self.is_own() {
+            return Err(LinkError::Died);
+        }
         if let Some(place) = self.take_place() {
             return Ok(place);
         }
@@ -180,6 +183,9 @@ impl SentRequest {
 impl Drop for SentRequest {
     fn drop(&mut self) {
         let Self { link, place, number, chunk } = self;
+        if !link.is_own() {
+            return;
+        }
         link.own.release(*place, *number);
         let done = link.is_done(*place, *number);
         let left = chunk.take().filter(|_| !done);

@@ -204,6 +204,14 @@ fn valgrind_finds_nothing_in_frames() {
     }
 }
 
+#[test]
+fn a_forked_child_leaves_its_parents_answers_alone() {
+    let daemon = TestDaemon::of_cores();
+    let dir = daemon.path().to_str().expect("a path in UTF-8");
+    let program = Program::build("fork.c", C, Watch::Sanitizers);
+    assert_eq!(program.run(&["daemon", dir, "auto"]), "parents and children\n");
+}
+
 fn every_call_and_every_error(watch: Watch, backends: &[&str]) {
     let daemon = TestDaemon::of_cores();
     let dir = daemon.path().to_str().expect("a path in UTF-8");
