@@ -14,7 +14,7 @@ use pairmaskd::cli::usage::one_line;
 use serde_json::Value;
 use tempfile::TempDir;
 
-use crate::daemon::within;
+use crate::daemon::{within, without_probe};
 
 /// A process that runs longer than this counts as hanging.
 pub const TIMEOUT: Duration = Duration::from_secs(120);
@@ -84,6 +84,7 @@ impl<P: Program> Sandbox<P> {
         let mut command = Command::new(P::BINARY);
         command.args(arguments).current_dir(self.path()).env_clear();
         command.env("PAIRMASK_GPU", "none");
+        without_probe(&mut command);
         command.env("PAIRMASK_RUNTIME_DIR", self.path());
         command.env("TMPDIR", self.path()).env("XDG_CONFIG_HOME", self.path());
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());

@@ -11,6 +11,7 @@ use rustix::event::epoll::{self, EventData, EventFlags};
 use rustix::event::{EventfdFlags, Timespec, eventfd};
 use rustix::io::Errno;
 use rustix::net::{SocketFlags, accept_with};
+use rustix::process::getppid;
 
 use crate::budget::Budget;
 use crate::error::{OpenError, TransportError};
@@ -55,6 +56,8 @@ pub struct Door {
     prefix: String,
     max_clients: usize,
     budget: Budget,
+    /// The parent of this process, which tests it: it takes no client's place, and is not counted.
+    supervisor: u32,
     /// Sockets: the listener's and those of clients.
     sockets: OwnedFd,
     /// What clients wake the daemon by.
@@ -99,6 +102,7 @@ impl Door {
             prefix: dir.shm_prefix(name),
             max_clients,
             budget,
+            supervisor: getppid().map_or(0, |pid| pid.as_raw_nonzero().get().unsigned_abs()),
             sockets,
             wakes,
             peers: Mutex::default(),
@@ -126,7 +130,12 @@ impl Door {
 
     /// Number of clients.
     pub fn client_count(&self) -> usize {
-        lock(&self.peers).len()
+        lock(&self.peers).iter().filter(|peer| !self.is_supervisor(peer.sender().process)).count()
+    }
+
+    /// Whether a process is the supervisor of this one.
+    pub const fn is_supervisor(&self, process: u32) -> bool {
+        process == self.supervisor && process != 0
     }
 
     /// Their sessions.
@@ -220,7 +229,7 @@ impl Door {
         if hello.version_major != pairmask_wire::VERSION_MAJOR {
             return refuse(&socket, Answer::Refused);
         }
-        if self.client_count() >= self.max_clients {
+        if self.client_count() >= self.max_clients && !self.is_supervisor(peer.process) {
             return refuse(&socket, Answer::Full);
         }
         *sessions += 1;

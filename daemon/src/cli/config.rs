@@ -55,6 +55,8 @@ pub struct Config {
     pub(super) audit: Option<AuditRate>,
     #[serde(deserialize_with = "parsed")]
     pub(super) without_fence: Option<WithoutFences>,
+    #[serde(deserialize_with = "number")]
+    pub(super) probe_ms: Option<u32>,
 }
 
 const QUOTED_CHARS: usize = 60;
@@ -162,7 +164,7 @@ mod tests {
         let config = Config::parse(
             "instance = 'world'\nbackend = 'in-process'\nencoding = 'sparse'\n\
              threads = 2\nspin-us = 0\nmax-clients = 3\nmax-reply-mib = 64\nmax-memory = '2G'\nruntime-dir = '/run/x'\n\
-             gpu = 'none'\ngpu-awake-ms = 0\nisa = 'portable'\nwithout-fence = 'landlock,rlimits'",
+             gpu = 'none'\ngpu-awake-ms = 0\nisa = 'portable'\nwithout-fence = 'landlock,rlimits'\nprobe-ms = 0",
         )
         .expect("every key is known");
         assert_eq!(config.instance.as_ref().map(InstanceName::as_str), Some("world"));
@@ -173,6 +175,7 @@ mod tests {
         assert_eq!(config.gpu_awake_ms, Some(0));
         assert_eq!(config.isa, AvailableIsa::new(pairmask_core::engine::Isa::Portable));
         assert_eq!(config.without_fence, Some("landlock,rlimits".parse().expect("two fences")));
+        assert_eq!(config.probe_ms, Some(0));
         assert_eq!(config.engine, None);
     }
 }

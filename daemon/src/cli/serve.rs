@@ -60,6 +60,10 @@ pub struct Serve {
     /// commas between them, all or none [default: none]
     #[arg(long, env = "PAIRMASK_WITHOUT_FENCE", value_name = "NAMES")]
     without_fence: Option<WithoutFences>,
+    /// How often the process that serves is sent a frame of the daemon's own, and replaced where it answers that
+    /// wrongly or not at all, ms; 0 never [default: 3000]
+    #[arg(long, value_parser = whole_number::<u32>, env = "PAIRMASK_PROBE_MS", value_name = "N")]
+    probe_ms: Option<u32>,
     /// Log system calls that a fence would refuse, and make them. A worker has it from its environment.
     #[arg(long, hide = true, env = "PAIRMASK_SECCOMP_LOG", value_parser = FalseyValueParser::new())]
     seccomp_log: bool,
@@ -100,6 +104,7 @@ impl Serve {
         let default = DaemonSettings::default();
         let spin_us = self.spin_us.or(common.file.spin_us);
         let gpu_awake_ms = self.gpu_awake_ms.or(common.file.gpu_awake_ms);
+        let probe_ms = self.probe_ms.or(common.file.probe_ms);
         let max_clients = self.max_clients.or(common.file.max_clients);
         let max_reply_mib = self.max_reply_mib.or(common.file.max_reply_mib);
         let max_memory = self.max_memory.or(common.file.max_memory);
@@ -124,6 +129,8 @@ impl Serve {
                     .without_fence
                     .or(common.file.without_fence)
                     .unwrap_or_default(),
+                probe_interval: probe_ms
+                    .map_or(default.probe_interval, |ms| Duration::from_millis(ms.into())),
             },
             restarted: self.restarted,
             refusal: if self.seccomp_log { Refusal::Logged } else { Refusal::Fails },

@@ -92,7 +92,8 @@ impl Responder {
         auditor: Auditor,
     ) -> Result<Self, ServeError> {
         let limits = &settings.daemon.limits;
-        let clients = Clients::new(limits.max_clients);
+        // One more is the supervisor.
+        let clients = Clients::new(limits.max_clients + 1);
         let totals = SceneTotals::default();
         let auditor = Arc::new(auditor);
         let alter = settings.alter_answers;

@@ -7,6 +7,7 @@
 //! a disk is in an uninterruptible sleep: such a worker is left alone.
 
 use std::fs;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -80,9 +81,13 @@ fn workers_hang(workers: &mut Stillness, rounds: u64, all_sleep: bool, now: Inst
 
 /// Whether all threads of this process but this one sleep, until something wakes them.
 fn others_sleep() -> bool {
-    let own = gettid().as_raw_nonzero().to_string();
-    let Ok(threads) = fs::read_dir("/proc/self/task") else { return false };
-    threads.flatten().filter(|thread| thread.file_name().to_str() != Some(&own)).all(|thread| {
+    threads_sleep("/proc/self/task", &gettid().as_raw_nonzero().to_string())
+}
+
+/// Whether all threads in a process's list sleep, but one of this id.
+pub(super) fn threads_sleep(list: impl AsRef<Path>, but: &str) -> bool {
+    let Ok(threads) = fs::read_dir(list) else { return false };
+    threads.flatten().filter(|thread| thread.file_name().to_str() != Some(but)).all(|thread| {
         // One that has ended meanwhile does not work.
         fs::read_to_string(thread.path().join("stat")).map_or(true, |stat| sleeps(&stat))
     })

@@ -1,11 +1,12 @@
 //! Serving an instance: a supervisor that stays, and a worker that does the work.
 //!
 //! A process with the same rights can kill the worker through the transport itself (a truncated
-//! segment, a forged length). The supervisor starts another, also where the worker is stopped or ends
-//! itself because it hangs; clients answer their frames in process meanwhile and come back by themselves.
+//! segment, a forged length). The supervisor starts another, also where the worker is stopped, ends
+//! itself because it hangs, or fails the supervisor's own frames; clients answer their frames in process meanwhile and come back by themselves.
 
 pub mod fences;
 mod heartbeat;
+mod probe;
 mod status_writer;
 mod supervisor;
 mod worker;
@@ -66,6 +67,8 @@ pub struct DaemonSettings {
     /// The share of the frames that are checked again.
     pub audit: AuditRate,
     pub without_fences: WithoutFences,
+    /// How often the supervisor tests the worker; never where this is zero.
+    pub probe_interval: Duration,
 }
 
 impl Default for DaemonSettings {
@@ -81,6 +84,7 @@ impl Default for DaemonSettings {
             isa: AvailableIsa::best(),
             audit: AuditRate::Off,
             without_fences: WithoutFences::default(),
+            probe_interval: probe::DEFAULT_INTERVAL,
         }
     }
 }
@@ -88,7 +92,17 @@ impl Default for DaemonSettings {
 impl DaemonSettings {
     /// As flags of `serve`.
     pub(crate) fn flags(&self) -> Vec<String> {
-        let Self { limits, threads, spin, gpu, gpu_awake, isa, audit, without_fences } = self;
+        let Self {
+            limits,
+            threads,
+            spin,
+            gpu,
+            gpu_awake,
+            isa,
+            audit,
+            without_fences,
+            probe_interval,
+        } = self;
         let mut flags = vec![
             format!("--spin-us={}", spin.as_micros()),
             format!("--max-clients={}", limits.max_clients),
@@ -98,6 +112,7 @@ impl DaemonSettings {
             format!("--isa={isa}"),
             format!("--audit={audit}"),
             format!("--without-fence={without_fences}"),
+            format!("--probe-ms={}", probe_interval.as_millis()),
         ];
         flags.extend(threads.map(|threads| format!("--threads={threads}")));
         flags.extend(gpu_awake.map(|hold| format!("--gpu-awake-ms={}", hold.as_millis())));

@@ -4,7 +4,8 @@
 //! killed and replaced. It counts as stopped where the kernel says so and its heartbeat has stood still
 //! for a while of this process's own looks. One that is starved, waits for pages or is traced by a debugger
 //! is not stopped by that account, and is left alone; so is one that was suspended with the whole machine.
-//! One that hangs ends itself (`heartbeat`).
+//! One that hangs ends itself (`heartbeat`), and one that serves badly is found out by the supervisor's own frames
+//! (`probe`).
 //!
 //! A worker that dies is replaced as soon as the kernel has closed its files. Its process ends later: a
 //! driver may need 90 ms to take down what the process had on a GPU, and its end is reported to the parent then.
@@ -27,6 +28,7 @@ use rustix::process::{
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::low_level::pipe;
 
+use super::probe::Probing;
 use super::{ServeError, ServeSettings, fences};
 use crate::execute::gpu::GpuChoices;
 
@@ -47,7 +49,7 @@ const STARTS_WITHIN: Duration = Duration::from_secs(10);
 /// With `--gpu all` it lists the GPUs first, which takes seconds for each that sleeps.
 const LISTS_WITHIN: Duration = Duration::from_secs(60);
 
-/// Open files of a worker without clients: pipes, ports, devices and engines.
+/// Open files of a worker without clients: pipes, ports, devices and engines, and the supervisor's own connection.
 const OWN_FILES: u64 = 128;
 /// Open files of a worker for each client: its socket, what wakes either side, segments that grow, and what the
 /// transport needs for the answers' memory.
@@ -95,10 +97,12 @@ fn keep_working(settings: &ServeSettings) -> Result<(), ServeError> {
     let mut delay = RestartDelay::default();
     let mut served_before = false;
     let mut dying = Vec::new();
+    let mut probing = Probing::new(settings.daemon.probe_interval);
     loop {
         settings.dir.remove_record(&settings.instance);
         let mut worker = spawn_worker(settings, served_before)?;
-        let end = watch(&mut worker, &mut dying, settings, &signals)?;
+        let end = watch(&mut worker, &mut dying, settings, &signals, &mut probing)?;
+        probing.end();
         served_before |= settings.dir.read_record(&settings.instance).is_some();
         settings.dir.remove_record(&settings.instance);
         match end {
@@ -207,12 +211,13 @@ enum End {
     FilesClosed,
 }
 
-/// Waits for a worker's end or a signal. Kills one that is stopped or does not begin to serve.
+/// Waits for a worker's end or a signal. Kills one that is stopped, does not begin to serve, or fails its tests.
 fn watch(
     worker: &mut Child,
     dying: &mut Vec<Child>,
     settings: &ServeSettings,
     signals: &StopSignals,
+    probing: &mut Probing,
 ) -> Result<End, ServeError> {
     let failed = ServeError::system;
     let pid = i32::try_from(worker.id()).ok().and_then(Pid::from_raw);
@@ -244,6 +249,7 @@ fn watch(
         }
         if start.is_some() && settings.dir.read_record(&settings.instance).is_some() {
             start = None;
+            probing.begin(settings, worker.id());
         }
         let now = Instant::now();
         let begins_late =
@@ -253,6 +259,8 @@ fn watch(
             "is stopped and answers nobody"
         } else if begins_late {
             "does not begin to serve"
+        } else if let Some(fault) = probing.fault() {
+            fault
         } else {
             continue;
         };

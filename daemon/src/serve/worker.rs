@@ -63,8 +63,8 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     let writer =
         StatusWriter::start(&settings.dir, &settings.instance, Arc::clone(&beating.rounds))?;
     let limits = &daemon.limits;
-    // Shared scenes have a share as a client has.
-    let budget = Budget::new(limits.max_memory_bytes, limits.max_clients + 1);
+    // Shared scenes have a share as a client has, and so has the supervisor.
+    let budget = Budget::new(limits.max_memory_bytes, limits.max_clients + 2);
     let door = Door::open(&settings.dir, &settings.instance, limits.max_clients, budget)?;
     let (door, porter) = attended(door)?;
     let record = DaemonRecord {

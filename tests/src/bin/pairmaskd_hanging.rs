@@ -1,5 +1,7 @@
 //! A daemon whose lanes wait for ever in each answer that has pairs, and whose worker waits for ever before it
-//! serves where its directory has a file `hang`, which it removes: tests check that such workers are replaced.
+//! serves where its directory has a file `hang`, which it removes: tests check that such workers are replaced. A
+//! worker that begins where there is a file `wrong` removes that, and answers without waiting and without pairs; and one
+//! that begins where there is a file `fit` answers as it should.
 
 use std::path::PathBuf;
 
@@ -9,6 +11,10 @@ fn wait_for_ever() -> ! {
     loop {
         std::thread::park();
     }
+}
+
+fn lose(words: &mut [u32], _: &mut CullReport) {
+    words.fill(0);
 }
 
 fn hang(_: &mut [u32], report: &mut CullReport) {
@@ -22,6 +28,12 @@ fn main() -> std::process::ExitCode {
     let is_worker = std::env::args().any(|argument| argument == "--worker");
     if is_worker && std::fs::remove_file(dir.join("hang")).is_ok() {
         wait_for_ever();
+    }
+    if is_worker && std::fs::remove_file(dir.join("wrong")).is_ok() {
+        return pairmaskd::cli::main_altering(lose);
+    }
+    if dir.join("fit").exists() {
+        return pairmaskd::cli::main();
     }
     pairmaskd::cli::main_altering(hang)
 }

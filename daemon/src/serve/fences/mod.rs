@@ -2,7 +2,7 @@
 //!
 //! The worker reads what other processes write, and runs drivers of GPUs on it. Should one of them take it over, it
 //! can start no program, open none of the user's files and reach no network. The supervisor has no fences: it reads
-//! nothing of clients, and starts the next worker.
+//! nothing of clients, of the worker what any client reads, and starts the next worker.
 //!
 //! They are raised before the worker starts its first thread, and hold for all that it starts: Landlock is the calling
 //! thread's and of those that it starts. GPUs are opened later, and again when they are lost, so a driver has to
