@@ -4,12 +4,14 @@
 //! default. Results go to stdout; progress, logs and errors to stderr, an error as one line.
 
 pub mod bench;
+mod completions;
 pub mod config;
 mod cull;
 pub mod daemon_cpu;
 mod demo;
 mod explain;
 pub mod machine;
+mod man;
 mod memory_size;
 pub mod options;
 pub mod output;
@@ -69,6 +71,8 @@ enum Command {
     Scene(scene::Scene),
     Status(status::Status),
     Explain(explain::Explain),
+    Completions(completions::Completions),
+    Man(man::Man),
 }
 
 /// Runs the command line. Call it first in `main`: it sets the process up.
@@ -94,6 +98,8 @@ fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result {
         Command::Scene(scene) => scene.run(),
         Command::Status(status) => status.run(common),
         Command::Explain(explain) => explain.run(),
+        Command::Completions(completions) => completions.run(),
+        Command::Man(man) => man.run(),
     }
 }
 
@@ -102,7 +108,7 @@ impl Command {
     /// not fail by a wrong file; a worker gets every setting from its supervisor, as a flag.
     const fn reads_config(&self) -> bool {
         match self {
-            Self::Scene(_) | Self::Explain(_) => false,
+            Self::Scene(_) | Self::Explain(_) | Self::Completions(_) | Self::Man(_) => false,
             Self::Serve(serve) => !serve.is_worker(),
             _ => true,
         }

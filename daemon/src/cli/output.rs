@@ -30,8 +30,12 @@ pub fn print_json(value: &impl Serialize) -> Result<(), OutputError> {
 }
 
 pub fn print_text(text: &str) -> Result<(), OutputError> {
+    write_stdout(format!("{text}\n").as_bytes())
+}
+
+pub fn write_stdout(bytes: &[u8]) -> Result<(), OutputError> {
     let mut stdout = std::io::stdout().lock();
-    writeln!(stdout, "{text}")?;
+    stdout.write_all(bytes)?;
     stdout.flush()?;
     Ok(())
 }

@@ -27,6 +27,8 @@ const PAIRMASKD: Shape = Shape {
         ("demo", &["instance", "runtime_dir"]),
         ("scene", ALL),
         ("explain", ALL),
+        ("completions", ALL),
+        ("man", ALL),
         ("status", &["isa"]),
     ],
     measuring: &["bench latency"],
@@ -34,6 +36,30 @@ const PAIRMASKD: Shape = Shape {
 
 pub(super) fn command() -> Command {
     shaped(Cli::command(), &PAIRMASKD)
+}
+
+/// The commands and flags that help lists, for generators that take those which are hidden too.
+pub(super) fn listed() -> Command {
+    let mut all = command().disable_help_subcommand(true);
+    // Passes shared settings on to the commands that have none of their own.
+    all.build();
+    listed_of(&all)
+}
+
+fn listed_of(command: &Command) -> Command {
+    // A new command has these two by itself.
+    let is_new = |arg: &Arg| !["help", "version"].contains(&arg.get_id().as_str());
+    let arguments = command.get_arguments().filter(|arg| !arg.is_hide_set() && is_new(arg));
+    let inner = command.get_subcommands().filter(|inner| !inner.is_hide_set()).map(listed_of);
+    let listed = Command::new(command.get_name().to_owned())
+        .about(command.get_about().cloned().unwrap_or_default())
+        .disable_help_subcommand(true)
+        .args(arguments.map(|arg| arg.clone().global(false)))
+        .subcommands(inner);
+    match command.get_version() {
+        Some(version) => listed.version(version.to_owned()),
+        None => listed,
+    }
 }
 
 /// Changes a derived command line: unused settings are not listed, negative numbers are values, and

@@ -7,6 +7,7 @@ mod bench;
 mod cull;
 mod demo;
 mod explain;
+mod generated;
 mod mistakes;
 mod serve;
 mod settings;
