@@ -10,6 +10,7 @@ mod cull;
 pub mod daemon_cpu;
 mod demo;
 mod explain;
+mod gpus;
 pub mod machine;
 mod man;
 mod memory_size;
@@ -71,6 +72,7 @@ enum Command {
     Scene(scene::Scene),
     Status(status::Status),
     Explain(explain::Explain),
+    Gpus(gpus::Gpus),
     Completions(completions::Completions),
     Man(man::Man),
 }
@@ -98,6 +100,7 @@ fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result {
         Command::Scene(scene) => scene.run(),
         Command::Status(status) => status.run(common),
         Command::Explain(explain) => explain.run(),
+        Command::Gpus(gpus) => gpus.run(),
         Command::Completions(completions) => completions.run(),
         Command::Man(man) => man.run(),
     }
@@ -108,7 +111,11 @@ impl Command {
     /// not fail by a wrong file; a worker gets every setting from its supervisor, as a flag.
     const fn reads_config(&self) -> bool {
         match self {
-            Self::Scene(_) | Self::Explain(_) | Self::Completions(_) | Self::Man(_) => false,
+            Self::Scene(_)
+            | Self::Explain(_)
+            | Self::Gpus(_)
+            | Self::Completions(_)
+            | Self::Man(_) => false,
             Self::Serve(serve) => !serve.is_worker(),
             _ => true,
         }

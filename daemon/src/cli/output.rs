@@ -79,6 +79,18 @@ pub fn time_text(ns: u64) -> String {
     }
 }
 
+/// Bytes in a unit that suits them.
+pub fn size_text(bytes: u64) -> String {
+    let unit =
+        |shift: u32, name: &str| format!("{:.1} {name}", bytes as f64 / (1u64 << shift) as f64);
+    match bytes {
+        0..0x400 => format!("{bytes} bytes"),
+        0x400..0x10_0000 => unit(10, "KiB"),
+        0x10_0000..0x4000_0000 => unit(20, "MiB"),
+        _ => unit(30, "GiB"),
+    }
+}
+
 pub fn is_watched() -> bool {
     std::io::stderr().is_terminal()
 }
@@ -111,7 +123,7 @@ fn shown(bar: ProgressBar, what: &str) -> ProgressBar {
 
 #[cfg(test)]
 mod tests {
-    use super::time_text;
+    use super::{size_text, time_text};
 
     #[test]
     fn times_have_a_unit_that_suits_them() {
@@ -123,6 +135,15 @@ mod tests {
             (12_345_678_901, "12.3 s"),
         ] {
             assert_eq!(time_text(ns), text);
+        }
+    }
+
+    #[test]
+    fn sizes_have_a_unit_that_suits_them() {
+        for (bytes, text) in
+            [(1023, "1023 bytes"), (1536, "1.5 KiB"), (64 << 20, "64.0 MiB"), (3 << 30, "3.0 GiB")]
+        {
+            assert_eq!(size_text(bytes), text);
         }
     }
 }

@@ -27,6 +27,7 @@ const PAIRMASKD: Shape = Shape {
         ("demo", &["instance", "runtime_dir"]),
         ("scene", ALL),
         ("explain", ALL),
+        ("gpus", ALL),
         ("completions", ALL),
         ("man", ALL),
         ("status", &["isa"]),

@@ -8,6 +8,7 @@ mod cull;
 mod demo;
 mod explain;
 mod generated;
+mod gpus;
 mod mistakes;
 mod serve;
 mod settings;

@@ -82,7 +82,7 @@ pub(super) fn best_of_kind(adapters: &[AdapterInfo]) -> impl Iterator<Item = usi
 }
 
 /// Asks the Vulkan loader; empty without one.
-fn find_adapters() -> Vec<wgpu::Adapter> {
+pub(super) fn find_adapters() -> Vec<wgpu::Adapter> {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.backends = wgpu::Backends::VULKAN;
     // No validation layers: they are slow, and the stages are validated by naga.
