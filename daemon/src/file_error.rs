@@ -10,6 +10,7 @@ pub enum Access {
     Write,
     /// Create a directory, and files in it.
     WriteInto,
+    Remove,
 }
 
 #[derive(Debug, thiserror::Error)]
@@ -33,6 +34,9 @@ pub fn advice(access: Access, error: &io::Error) -> impl fmt::Display {
         (ErrorKind::NotFound, _) => "there is no such directory: create it, or name another",
         (ErrorKind::PermissionDenied, Access::Read) => {
             "you may not read it: change its permissions, or run as its owner"
+        }
+        (ErrorKind::PermissionDenied, Access::Remove) => {
+            "you may not remove it: look at the permissions of its directory"
         }
         (ErrorKind::PermissionDenied, _) => {
             "you may not write there: change the permissions, or name another place"

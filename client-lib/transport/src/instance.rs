@@ -9,7 +9,7 @@
 
 use std::fmt;
 use std::fs::{self, File, OpenOptions};
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
@@ -30,15 +30,20 @@ pub struct RuntimeDir {
 fn ensure_own_dir(path: &Path, mode: u32) -> Result<(), InstanceError> {
     match fs::DirBuilder::new().recursive(true).mode(mode).create(path) {
         // Something exists at the path: the check below names what is wrong with it.
-        Err(error) if error.kind() != std::io::ErrorKind::AlreadyExists => {
-            Err(io_error(path)(error))
-        }
+        Err(error) if error.kind() != ErrorKind::AlreadyExists => Err(io_error(path)(error)),
         Ok(()) | Err(_) => check_directory(path),
     }
 }
 
 /// Where the system keeps shared memory files.
 pub(super) const SHM_DIR: &str = "/dev/shm";
+/// Begin of the names of all our files there.
+pub(super) const SHM_PREFIX: &str = "pairmask_";
+
+/// The files of an instance that is served, behind its name and a dot: those that have a name for good, and those that take
+/// their place in one step. Its lock stays when it ends.
+pub(super) const FILE_SUFFIXES: [&str; 7] =
+    ["daemon", "daemon.new", "heartbeat", "heartbeat.new", "account", "account.new", "socket"];
 
 /// Bytes of a record that are read. A record is four short lines; a longer file is no record.
 pub(super) const RECORD_BYTES: u64 = 256;
@@ -123,7 +128,7 @@ impl RuntimeDir {
 
     /// Prefix of the instance's files in /dev/shm, which all users and directories share.
     pub fn shm_prefix(&self, name: &InstanceName) -> String {
-        format!("pairmask_{:012x}_", self.hash(name))
+        format!("{SHM_PREFIX}{:012x}_", self.hash(name))
     }
 
     /// 48 bits of FNV-1a over directory and name: short, and equal in all processes and builds.
@@ -147,6 +152,15 @@ impl RuntimeDir {
 
     pub(super) fn record_file(&self, name: &InstanceName) -> PathBuf {
         self.file(name, ".daemon")
+    }
+
+    /// Whether a process has the right to serve an instance, or might have it.
+    pub fn is_locked(&self, name: &InstanceName) -> bool {
+        match open_plain(&self.file(name, ".lock"), OpenOptions::new().read(true)) {
+            Ok(file) => flock(&file, FlockOperation::NonBlockingLockShared).is_err(),
+            Err(InstanceError::Io { source, .. }) => source.kind() != ErrorKind::NotFound,
+            Err(_) => true,
+        }
     }
 
     /// The record of an instance, or `None` where there is none or it is malformed.

@@ -5,6 +5,7 @@
 //!
 //! ```text
 //! instance, runtime_dir, trust, foreign, liveness, status_file   files by which a daemon is found, and whether it lives
+//! cleanup                                                        what killed processes left
 //! socket, door                                                   who is let in; descriptors of memory
 //! pool, segment, guard, memory, room, fork                       own memory, the other's, what may be missing
 //! board, handshake                                               what was sent, and let go of
@@ -47,10 +48,11 @@ mod waiting;
 use std::sync::atomic;
 
 pub use budget::{Budget, Charge, Memory, OverBudget, Share};
-pub use cleanup::remove_left_files;
+pub use cleanup::{LeftFile, left_files, remove_left_files};
 pub use door::Door;
 pub use error::{OpenError, TransportError};
 pub use exchange::{Answer, AnswerMemory, Exchange};
+pub use foreign::{foreign_owner, instance_sockets};
 pub use guard::install as survive_cut_memory;
 pub use instance::{DaemonRecord, InstanceLock, RuntimeDir};
 pub use limits::{FRAMES_AT_A_TIME, Limits, quiet_transport_log};

@@ -4,6 +4,7 @@
 //! default. Results go to stdout; progress, logs and errors to stderr, an error as one line.
 
 pub mod bench;
+mod clean;
 mod completions;
 pub mod config;
 mod cull;
@@ -73,6 +74,7 @@ enum Command {
     Status(status::Status),
     Explain(explain::Explain),
     Gpus(gpus::Gpus),
+    Clean(clean::Clean),
     Completions(completions::Completions),
     Man(man::Man),
 }
@@ -101,6 +103,7 @@ fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result {
         Command::Status(status) => status.run(common),
         Command::Explain(explain) => explain.run(),
         Command::Gpus(gpus) => gpus.run(),
+        Command::Clean(clean) => clean.run(common),
         Command::Completions(completions) => completions.run(),
         Command::Man(man) => man.run(),
     }

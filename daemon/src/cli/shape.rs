@@ -28,6 +28,7 @@ const PAIRMASKD: Shape = Shape {
         ("scene", ALL),
         ("explain", ALL),
         ("gpus", ALL),
+        ("clean", &["instance", "isa"]),
         ("completions", ALL),
         ("man", ALL),
         ("status", &["isa"]),

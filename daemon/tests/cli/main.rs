@@ -4,6 +4,7 @@
 
 mod audit;
 mod bench;
+mod clean;
 mod cull;
 mod demo;
 mod explain;
