@@ -25,7 +25,7 @@ const STOP_WITHIN: Duration = Duration::from_secs(8);
 const LOOK_INTERVAL: Duration = Duration::from_millis(2);
 /// Prefix of the private directory's name. Not `pairmask-`, with which the users' default
 /// directories begin: those are searched for instances.
-const DIR_PREFIX: &str = ".pairmask.";
+pub(crate) const DIR_PREFIX: &str = ".pairmask.";
 
 #[derive(Debug, thiserror::Error)]
 pub enum SpawnError {

@@ -10,6 +10,7 @@ pub mod config;
 mod cull;
 pub mod daemon_cpu;
 mod demo;
+mod doctor;
 mod explain;
 mod gpus;
 pub mod machine;
@@ -53,6 +54,7 @@ Examples:
   pairmaskd demo                              a daemon and a client with falling boxes, 10 s
   pairmaskd serve --instance world            serve until Ctrl-C
   pairmaskd status                            who serves, and what it did so far
+  pairmaskd doctor                            what of this machine is wrong, and what to do
   pairmaskd cull boxes.f32 --spawn --json     pairs of a file of boxes, by a daemon of its own
   pairmaskd bench latency --n 1000,10000      what a frame costs, by stage
   pairmaskd explain boxes.f32 3 17            why two boxes are a pair or not
@@ -73,6 +75,7 @@ enum Command {
     Scene(scene::Scene),
     Status(status::Status),
     Explain(explain::Explain),
+    Doctor(doctor::Doctor),
     Gpus(gpus::Gpus),
     Clean(clean::Clean),
     Completions(completions::Completions),
@@ -102,6 +105,7 @@ fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result {
         Command::Scene(scene) => scene.run(),
         Command::Status(status) => status.run(common),
         Command::Explain(explain) => explain.run(),
+        Command::Doctor(doctor) => doctor.run(common),
         Command::Gpus(gpus) => gpus.run(),
         Command::Clean(clean) => clean.run(common),
         Command::Completions(completions) => completions.run(),

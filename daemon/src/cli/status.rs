@@ -41,18 +41,18 @@ pub struct Status {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-enum State {
+pub(super) enum State {
     Alive,
     Silent,
     Dead,
 }
 
-struct Instance {
-    name: InstanceName,
-    record: DaemonRecord,
-    state: State,
+pub(super) struct Instance {
+    pub(super) name: InstanceName,
+    pub(super) record: DaemonRecord,
+    pub(super) state: State,
     counters: Option<Counters>,
-    problem: Option<String>,
+    pub(super) problem: Option<String>,
 }
 
 struct Counters {
@@ -99,7 +99,7 @@ impl Status {
     }
 }
 
-fn instances(dir: &RuntimeDir, only: Option<&InstanceName>) -> Vec<Instance> {
+pub(super) fn instances(dir: &RuntimeDir, only: Option<&InstanceName>) -> Vec<Instance> {
     let mut found: Vec<(RuntimeDir, InstanceName, DaemonRecord)> = Vec::new();
     for dir in dir.all().filter(|dir| dir.check().is_ok()) {
         for (name, record) in dir.instances() {
@@ -134,7 +134,7 @@ impl Instance {
 
     /// An element of `instances` of `status --json`, whose fields `CLI.md` explains. Fields may be added, never
     /// changed or taken away.
-    fn json(&self) -> Value {
+    pub(super) fn json(&self) -> Value {
         json!({
             "instance": self.name.as_str(),
             "state": self.state,
@@ -257,7 +257,7 @@ fn fences_json(fences: Fences) -> Value {
     Value::Object(Fence::ALL.into_iter().map(state).collect())
 }
 
-fn fences_text(fences: Fences) -> String {
+pub(super) fn fences_text(fences: Fences) -> String {
     let text = |fence: Fence| match fences.state(fence) {
         FenceState::Holds => fence.as_str().to_owned(),
         other => format!("{} ({})", fence.as_str(), other.as_str()),

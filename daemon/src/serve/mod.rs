@@ -13,7 +13,7 @@ mod worker;
 mod worker_threads;
 
 pub(crate) use self::supervisor::stop;
-pub use self::supervisor::{FILES_PER_CLIENT, supervise};
+pub use self::supervisor::{FILES_PER_CLIENT, OWN_FILES, supervise};
 pub use self::worker::work;
 
 use std::num::NonZeroUsize;

@@ -50,7 +50,7 @@ const STARTS_WITHIN: Duration = Duration::from_secs(10);
 const LISTS_WITHIN: Duration = Duration::from_secs(60);
 
 /// Open files of a worker without clients: pipes, ports, devices and engines, and the supervisor's own connection.
-const OWN_FILES: u64 = 128;
+pub const OWN_FILES: u64 = 128;
 /// Open files of a worker for each client: its socket, what wakes either side, segments that grow, and what the
 /// transport needs for the answers' memory.
 pub const FILES_PER_CLIENT: u64 = 16;

@@ -7,6 +7,7 @@ mod bench;
 mod clean;
 mod cull;
 mod demo;
+mod doctor;
 mod explain;
 mod generated;
 mod gpus;
