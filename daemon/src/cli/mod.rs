@@ -33,7 +33,7 @@ pub mod whole_number;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{Args, Parser, Subcommand};
 
 use self::options::CommonOptions;
 use self::program::Result;
@@ -45,8 +45,21 @@ use crate::publish::AlterAnswer;
 struct Cli {
     #[command(flatten)]
     common: CommonOptions,
+    #[command(flatten)]
+    loudness: Loudness,
     #[command(subcommand)]
     command: Command,
+}
+
+/// How much is logged, of this process and of those that it starts.
+#[derive(Clone, Copy, Debug, Args)]
+struct Loudness {
+    /// Log more, as `PAIRMASK_LOG=debug`
+    #[arg(short, long, global = true)]
+    verbose: bool,
+    /// Log errors alone, as `PAIRMASK_LOG=error`
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    quiet: bool,
 }
 
 const EXAMPLES: &str = "\
@@ -94,7 +107,12 @@ pub fn main_altering(alter: AlterAnswer) -> ExitCode {
 }
 
 fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result {
-    let Cli { common, command } = cli;
+    let Cli { common, loudness, command } = cli;
+    match loudness {
+        Loudness { verbose: true, .. } => program::set_variable(output::LOG_VARIABLE, "debug"),
+        Loudness { quiet: true, .. } => program::set_variable(output::LOG_VARIABLE, "error"),
+        Loudness { .. } => {}
+    }
     output::start_log(command.log_level());
     let common = &if command.reads_config() { common.with_config_file()? } else { common.clone() };
     match command {

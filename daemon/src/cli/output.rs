@@ -19,9 +19,12 @@ pub enum OutputError {
     Json(#[from] serde_json::Error),
 }
 
+/// Variable that says what is logged.
+pub(super) const LOG_VARIABLE: &str = "PAIRMASK_LOG";
+
 /// Starts the log on stderr. `PAIRMASK_LOG` takes `error` to `trace`, or a filter by module.
 pub fn start_log(default_level: &str) {
-    let env = env_logger::Env::new().filter_or("PAIRMASK_LOG", default_level);
+    let env = env_logger::Env::new().filter_or(LOG_VARIABLE, default_level);
     env_logger::Builder::from_env(env).format_target(false).init();
 }
 

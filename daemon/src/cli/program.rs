@@ -96,14 +96,20 @@ const NO_SORTING_LAYER: &str = "NODEVICE_SELECT";
 
 /// Disables the layer for this process and its children, unless the user has set the variable.
 /// Call it first: it changes nothing in a process that has other threads.
-#[allow(unsafe_code)]
 pub fn silence() {
-    if std::env::var_os(NO_SORTING_LAYER).is_some() || !is_single_threaded() {
-        return;
+    if std::env::var_os(NO_SORTING_LAYER).is_none() {
+        set_variable(NO_SORTING_LAYER, "1");
     }
-    // SAFETY: the environment may be changed while no other thread can read it. The kernel lists one
-    // thread for this process, the one that runs here, so that no other can start meanwhile.
-    unsafe { std::env::set_var(NO_SORTING_LAYER, "1") };
+}
+
+/// Sets a variable for this process and its children. Changes nothing in a process that has other threads.
+#[allow(unsafe_code)]
+pub(super) fn set_variable(name: &str, value: &str) {
+    if is_single_threaded() {
+        // SAFETY: the environment may be changed while no other thread can read it. The kernel lists one
+        // thread for this process, the one that runs here, so that no other can start meanwhile.
+        unsafe { std::env::set_var(name, value) };
+    }
 }
 
 fn is_single_threaded() -> bool {

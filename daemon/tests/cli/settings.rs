@@ -2,8 +2,10 @@
 
 use pairmask_core::Aabb;
 use pairmask_core::engine::Isa;
+use pairmask_transport::RuntimeDir;
+use rustix::process::Signal;
 
-use crate::support::{Sandbox, run_with};
+use crate::support::{Sandbox, Serving, run_with};
 
 #[test]
 fn flag_then_environment_then_file_then_default() {
@@ -50,6 +52,25 @@ fn an_instruction_set_is_forced_by_flag_environment_or_file() {
     }
     let finished = sandbox.run_line("cull boxes.f32 --isa fast");
     assert!(finished.error(2).contains("portable"), "the names are listed: {finished:?}");
+}
+
+/// The worker's log too, which the supervisor starts.
+#[test]
+fn how_much_is_logged_is_a_flag_before_a_variable() {
+    let logged = |line: &str, variable: &str| {
+        let sandbox = Sandbox::new();
+        let mut command = sandbox.line(line);
+        let child = command.env("PAIRMASK_LOG", variable).spawn().unwrap();
+        let serving = Serving::of(child, RuntimeDir::at(sandbox.path()), "default");
+        drop(serving.session());
+        serving.stop(Signal::TERM).stderr
+    };
+    assert_eq!(logged("serve -q", "debug"), "");
+    assert_eq!(logged("serve", "error"), "");
+    let more = logged("--verbose serve", "error");
+    assert!(more.contains("serving 'default'"), "{more}");
+    let both = Sandbox::new().run_line("status -q -v");
+    assert!(both.error(2).contains("exclude each other"), "{both:?}");
 }
 
 #[test]
