@@ -159,10 +159,12 @@ impl Share {
         self.0.of.0.most(&used, bytes).saturating_sub(bytes)
     }
 
-    /// The error of a client that needs so many bytes on top, for which there is no room.
+    /// The error of a client that needs so many bytes on top, for which there was no room.
     pub fn over(&self, bytes: u64) -> OverBudget {
         let (used, left) = (self.0.used.load(Ordering::Relaxed), self.left());
-        OverBudget { needed_bytes: used.saturating_add(bytes), limit_bytes: used + left }
+        // Others may have given some back meanwhile.
+        let needed = bytes.max(left + 1);
+        OverBudget { needed_bytes: used.saturating_add(needed), limit_bytes: used + left }
     }
 }
 

@@ -16,7 +16,10 @@ extern "C" fn count() {
 
 /// The process that made something.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Maker(u32);
+pub(super) struct Maker {
+    forks: u32,
+    process: u32,
+}
 
 impl Maker {
     /// This process.
@@ -29,11 +32,17 @@ impl Maker {
                 log::warn!("a forked child will not be told from its parent");
             }
         });
-        Self(FORKS.load(Ordering::Relaxed))
+        Self { forks: FORKS.load(Ordering::Relaxed), process: std::process::id() }
     }
 
     /// Whether it is this process, and no parent of it.
     pub(super) fn is_here(self) -> bool {
-        self.0 == FORKS.load(Ordering::Relaxed)
+        self.forks == FORKS.load(Ordering::Relaxed)
+    }
+
+    /// As [`is_here`](Self::is_here), also of a child that was made without what libc does at a fork, by the kernel's word:
+    /// a system call.
+    pub(super) fn is_here_by_its_id(self) -> bool {
+        self.is_here() && self.process == std::process::id()
     }
 }

@@ -5,6 +5,7 @@ use std::io::ErrorKind;
 use std::os::fd::{AsFd, OwnedFd};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use pairmask_core::pacing::{Answered, Estimate, Expected};
 use pairmask_core::precision::BoxForm;
@@ -130,6 +131,8 @@ pub struct Link {
     cached_rules: CachedRules,
     /// Whether the client has refused a response.
     has_refused: AtomicBool,
+    /// Whether the daemon has refused a request because this client has too much memory.
+    pub(super) is_over_budget: AtomicBool,
 }
 
 impl std::fmt::Debug for Link {
@@ -233,6 +236,7 @@ impl Link {
             frames: AtomicUsize::new(0),
             cached_rules: CachedRules::default(),
             has_refused: AtomicBool::new(false),
+            is_over_budget: AtomicBool::new(false),
         };
         if capacity.is_some() {
             link.touch_memory(pages);
@@ -295,6 +299,10 @@ impl Link {
         }
         self.take_back();
         let mut memory = lock(&self.memory);
+        if self.is_over_budget.swap(false, Ordering::Relaxed) {
+            // What earlier requests needed counts too.
+            memory.pool.tidy(Duration::ZERO, |_| true);
+        }
         if memory.pool.pages() < pages {
             // Doubling: a scene that grows box by box makes few segments.
             let enlarged = pages.next_power_of_two();
@@ -337,6 +345,9 @@ impl Link {
 
     /// Takes what the daemon has sent over the socket. Whether the socket is open.
     fn take_messages(&self) -> bool {
+        if !self.is_own() {
+            return false;
+        }
         let mut inbox = lock(&self.inbox);
         // A daemon sends less at a time than it has segments.
         for _ in 0..MOST_SEGMENTS {
@@ -361,6 +372,9 @@ impl Link {
 
     /// A segment of the daemon's by its number; `None` where it has sent no such one.
     pub(super) fn segment(&self, number: u64) -> Option<Arc<Segment>> {
+        if !self.is_own() {
+            return None;
+        }
         let at = usize::try_from(number).ok()?;
         if lock(&self.inbox).segments.len() <= at {
             self.take_messages();

@@ -76,33 +76,30 @@ struct Segments {
     all: Vec<Arc<Segment>>,
     /// Bytes that were sent since the last look.
     sent: u64,
-    /// What it takes.
+    /// What it takes, also where that is more than it may.
     charge: Charge,
+    over: Option<OverBudget>,
 }
 
 impl Segments {
-    /// Notes that so many bytes were sent.
+    /// Notes that so many bytes are read.
     fn note(&mut self, bytes: u64) -> Result<(), OverBudget> {
         self.sent = self.sent.saturating_add(bytes);
-        if self.sent <= LOOK_BYTES {
-            return Ok(());
+        if self.sent > LOOK_BYTES || self.over.is_some() {
+            self.look();
         }
-        let present = self.present();
-        if present < self.charge.bytes() {
-            self.charge.set(present);
-        }
-        self.charge.grow_to(present)?;
+        self.over.map_or(Ok(()), Err)
+    }
+
+    /// Notes what they take now.
+    fn look(&mut self) {
         self.sent = 0;
-        Ok(())
-    }
-
-    fn present(&self) -> u64 {
-        self.all.iter().map(|segment| segment.present()).sum()
-    }
-
-    /// Notes what they take now, which may be more than they may: then the next large request is refused.
-    fn tidy(&mut self) {
-        let present = self.present();
+        let present = self.all.iter().map(|segment| segment.present()).sum();
+        if present > self.charge.bytes() || self.over.is_some() {
+            // As a whole: what it has without leave counts as if it were asked for now.
+            self.charge.set(0);
+            self.over = self.charge.grow_to(present).err();
+        }
         self.charge.set(present);
     }
 }
@@ -163,6 +160,7 @@ impl Peer {
                 // The first request is looked at.
                 sent: LOOK_BYTES,
                 charge: share.nothing(Memory::Shared),
+                over: None,
             }),
             share,
             pools: Mutex::new(vec![pool]),
@@ -255,7 +253,7 @@ impl Peer {
             return None;
         }
         let Entry { placed, header } = self.theirs.entry(place);
-        let mut segments = lock(&self.segments);
+        let segments = lock(&self.segments);
         let named = usize::try_from(placed.segment).ok().and_then(|at| segments.all.get(at));
         // One that names no memory of its client's has no payload.
         let (segment, placed) = match named {
@@ -263,21 +261,10 @@ impl Peer {
             None => (&segments.all[0], Placed::default()),
         };
         let segment = Arc::clone(segment);
-        let bytes = size_of_val(segment.pages(placed.offset, placed.pages)) as u64;
-        let within_budget = segments.note(bytes);
         drop(segments);
         let sent_at = self.theirs.sent_at(place);
         let peer = Arc::clone(self);
-        Some(CheckedRequest {
-            peer,
-            place,
-            number,
-            sent_at,
-            header,
-            segment,
-            placed,
-            within_budget,
-        })
+        Some(CheckedRequest { peer, place, number, sent_at, header, segment, placed })
     }
 
     /// Memory for an answer, of a pool whose pieces are large enough.
@@ -331,7 +318,7 @@ impl Peer {
         for pool in self.pools() {
             pool.tidy(idle, &mut release);
         }
-        lock(&self.segments).tidy();
+        lock(&self.segments).look();
     }
 
     /// Whether others have let go of all of its memory for answers, as far as `release` says so of a range.
@@ -358,7 +345,6 @@ pub struct CheckedRequest {
     header: RequestHeader,
     segment: Arc<Segment>,
     placed: Placed,
-    within_budget: Result<(), OverBudget>,
 }
 
 impl CheckedRequest {
@@ -382,12 +368,24 @@ impl CheckedRequest {
         &self.peer.share
     }
 
-    /// Whether its client's segments take no more memory than they may.
+    /// Makes sure, before the payload is read, that its client's memory stays what it may be: what lies in holes of a file
+    /// is there as soon as somebody reads it. The charge is to be held while the payload is read.
     ///
     /// # Errors
     /// [`OverBudget`].
-    pub const fn within_budget(&self) -> Result<(), OverBudget> {
-        self.within_budget
+    pub fn charge_payload(&self) -> Result<Option<Charge>, OverBudget> {
+        let bytes = size_of_val(self.pages()) as u64;
+        lock(&self.peer.segments).note(bytes)?;
+        if bytes <= LOOK_BYTES {
+            // The next look finds it.
+            return Ok(None);
+        }
+        match self.share().charge(Memory::Shared, bytes) {
+            Ok(charge) => Ok(Some(charge)),
+            // Payload that is there is charged already.
+            Err(_) if self.segment.is_whole(self.placed.offset, bytes) => Ok(None),
+            Err(over) => Err(over),
+        }
     }
 
     /// Who sent it.

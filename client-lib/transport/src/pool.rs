@@ -72,6 +72,14 @@ struct Free {
     is_retired: bool,
 }
 
+impl Free {
+    /// The piece that came back last of those that have so many bytes present, else the last one.
+    fn take(&mut self, bytes: usize) -> Option<Piece> {
+        let at = self.pieces.iter().rposition(|piece| piece.present >= bytes);
+        Some(self.pieces.remove(at.or(self.pieces.len().checked_sub(1))?))
+    }
+}
+
 /// A piece of a segment. Dropped, its pages go back to the system.
 struct Piece {
     /// Boxed: a chunk is moved with each frame.
@@ -105,10 +113,10 @@ impl Piece {
             // long as the loan. Nothing refers into them: a chunk has given the piece back.
             let removed =
                 unsafe { madvise(self.first as *mut _, self.present, Advice::LinuxRemove) };
-            if let Err(error) = removed {
-                log::debug!("{} bytes of shared memory stay: {error}", self.present);
+            match removed {
+                Ok(()) => self.present = 0,
+                Err(error) => log::debug!("{} bytes of shared memory stay: {error}", self.present),
             }
-            self.present = 0;
         }
         if let Some(charge) = &mut self.charge {
             charge.set(charged(self.present));
@@ -126,7 +134,7 @@ impl Drop for Piece {
     fn drop(&mut self) {
         // The other side may hold the segment mapped for long. A child of this process that ends has part in the memory
         // too, and leaves it to its parent.
-        if self.maker.is_here() {
+        if self.maker.is_here_by_its_id() {
             self.remove_pages();
         }
     }
@@ -204,7 +212,8 @@ impl Pool {
         self.0.pages
     }
 
-    /// Lends pages, at most those of a piece. The piece that came back last is lent first: its memory is warm.
+    /// Lends pages, at most those of a piece. The piece that came back last is lent first, its memory is warm, unless another
+    /// one has them present.
     ///
     /// # Errors
     /// [`PopulateError`] where no piece is left, or no memory, or the client may have no more of it.
@@ -226,7 +235,7 @@ impl Pool {
         if pages > self.0.pages {
             return Err(none);
         }
-        let mut piece = lock(&self.0.free).pieces.pop().ok_or(none)?;
+        let mut piece = lock(&self.0.free).take(bytes).ok_or(none)?;
         let charge = piece.charge.as_mut();
         if charge.is_some_and(|charge| charge.grow_to(charged(bytes)).is_err()) {
             // What is present of it stays charged.

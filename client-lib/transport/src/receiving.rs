@@ -31,11 +31,11 @@ impl Link {
         deadline: Instant,
         vigil: &mut Vigil,
     ) -> Result<bool, LinkError> {
-        if pending.is_answered() {
-            return Ok(true);
-        }
         if !self.is_own() {
             return Err(LinkError::Died);
+        }
+        if pending.is_answered() {
+            return Ok(true);
         }
         let Expected { nap, round_trip, threads } = expected;
         // The daemon may have answered before it died: the response is looked for after the daemon.

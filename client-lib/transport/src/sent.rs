@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use pairmask_wire::board::{Entry, Placed};
-use pairmask_wire::{Page, ReplyError, RequestHeader, ResponseHeader, page_count};
+use pairmask_wire::{Page, ReplyError, RequestHeader, ResponseHeader, StatusCode, page_count};
 
 use crate::link::{Link, Place, Slot};
 use crate::link_error::LinkError;
@@ -176,6 +176,9 @@ impl SentRequest {
             return Err(process_limits::behind(0).map_or(malformed, LinkError::Limit));
         };
         self.link.has_answered.store(true, Ordering::Relaxed);
+        if header.status == StatusCode::OverBudget as u32 {
+            self.link.is_over_budget.store(true, Ordering::Relaxed);
+        }
         Ok((header, CheckedResponse { segment, placed }))
     }
 }

@@ -36,8 +36,10 @@ pub(crate) struct OpenRequest {
     scene: SceneSections,
     loan: Option<Chunk>,
     limit_bytes: u64,
-    /// Whether that is less than any answer may have, because its client may take no more.
-    is_short: bool,
+    /// Of any answer.
+    most_bytes: u64,
+    /// For its payload, and for what engines keep while they find the answer.
+    charges: Vec<Charge>,
     /// Where its objects and its answer are to be kept.
     pub(crate) keep: Option<KeepTicket>,
     pub(crate) rules: Option<FrameRules>,
@@ -74,7 +76,8 @@ impl OpenRequest {
             scene: SceneSections::EMPTY,
             loan: None,
             limit_bytes,
-            is_short: limit_bytes < most_bytes,
+            most_bytes,
+            charges: Vec::new(),
             keep: None,
             rules: None,
             world_ranges: None,
@@ -108,9 +111,23 @@ impl OpenRequest {
         self.request().share()
     }
 
-    /// Whether its client's memory is no more than it may be.
-    pub(crate) fn within_budget(&self) -> Result<(), OverBudget> {
-        self.request().within_budget()
+    /// Makes sure that its payload may be read.
+    pub(crate) fn charge_payload(&mut self) -> Result<(), OverBudget> {
+        let charge = self.request().charge_payload()?;
+        self.charges.extend(charge);
+        Ok(())
+    }
+
+    /// Charges what engines keep beside the answer of a frame, of as much memory as is left now: of so many objects, three
+    /// words at the most for each word of all their pairs.
+    pub(crate) fn charge_words(&mut self, objects: u32) -> Result<(), OverBudget> {
+        let n = u64::from(objects);
+        let all = (n * n / 64 + n).saturating_mul(WORD_BYTES);
+        self.limit_bytes = self.most_bytes.min(self.share().left() / ANSWER_PART);
+        let bytes = (ANSWER_PART - 1) * self.limit_bytes.min(all);
+        let charge = self.share().charge(Memory::Own, bytes)?;
+        self.charges.push(charge);
+        Ok(())
     }
 
     /// Memory for a copy of what it carries.
@@ -118,10 +135,10 @@ impl OpenRequest {
         self.share().charge(Memory::Own, self.payload_bytes())
     }
 
-    /// The error of an answer of so many bytes that has no room, where its client may take no more.
+    /// The error of an answer of so many bytes that fits a reply, where its client may take no more.
     pub(crate) fn over_budget(&self, answer_bytes: u64) -> Option<OverBudget> {
         let needed = answer_bytes.saturating_mul(ANSWER_PART);
-        self.is_short.then(|| self.share().over(needed))
+        (answer_bytes <= self.most_bytes).then(|| self.share().over(needed))
     }
 
     pub(crate) fn limit_words(&self) -> u64 {
@@ -255,7 +272,12 @@ impl ReplyBuffer for LoanReply<'_> {
         let pages = usize::try_from(page_count(needed_bytes)).map_err(|_| out_of_memory)?;
         // The old memory goes back first.
         *self.loan = None;
-        let loan = self.request.lend(pages).map_err(|_| out_of_memory)?;
+        let loan = self.request.lend(pages).map_err(|_| match self.request.share().left() {
+            left if left < needed_bytes => {
+                ReserveError::TooLarge { at_least_bytes: needed_bytes, limit_bytes: left }
+            }
+            _ => out_of_memory,
+        })?;
         Ok(words_in_mut(self.loan.insert(loan).pages_mut()))
     }
 

@@ -8,6 +8,7 @@ use pairmask_core::dispatch::StageTimes;
 use pairmask_core::engine::{CullError, ReplyBuffer};
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::scene::{BeyondMask, Cast, QueryError};
+use pairmask_transport::Memory;
 use pairmask_wire::{CastRequest, QueryRequest, Reject, SceneId, response_cast};
 
 use super::scene::Failed;
@@ -18,6 +19,9 @@ use crate::publish::{OpenRequest, Outbox, Refusal};
 /// Most pairs whose memory a scene keeps between queries: 8 MiB, 2,048 pages. To find more takes far longer than
 /// to map their memory.
 const MOST_KEPT_PAIRS: usize = 1 << 20;
+
+/// Bytes of a pair that is found.
+const PAIR_BYTES: u64 = size_of::<[u32; 2]>() as u64;
 
 /// Words of a hit in a reply.
 const HIT_WORDS: u64 = (HIT_BYTES / size_of::<u32>()) as u64;
@@ -101,6 +105,9 @@ fn answer_query(
 ) -> Result<(), Failed> {
     scene.set_threads(threads);
     scene.limit_query_pairs(open.limit_pairs());
+    let all = (scene.len() as u64).saturating_mul(request.mask.queries().into());
+    let most = PAIR_BYTES.saturating_mul(all.min(open.limit_pairs()));
+    let _found = open.share().charge(Memory::Own, most)?;
     let taken_at = open.taken_at;
     let begun = Instant::now();
     let answer = {

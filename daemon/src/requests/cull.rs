@@ -98,7 +98,7 @@ impl Culls {
     /// Answers a request, leaves it under way, or adds its frame to those that are `joining` others.
     fn take_one(
         &self,
-        open: OpenRequest,
+        mut open: OpenRequest,
         request: &CullRequest,
         threads: usize,
         joining: Option<&mut Vec<Joining<OpenRequest>>>,
@@ -118,13 +118,15 @@ impl Culls {
             last_pairs: self.outbox.clients.last_pairs(session),
             ..CullOptions::default()
         };
-        let used = if let Err(over) = engines.make_room(request.scene.count) {
-            self.outbox.refuse_and_close(open, over.into())
-        } else {
-            let (way, executor) = ((beside_others, joining), &mut engines.executor);
-            let cull = || self.cull(open, request, &options, way, executor);
-            self.work(RunsOn::Worker, options.threads, cull)
-        };
+        let room = engines.make_room(request.scene.count);
+        let used =
+            if let Err(over) = room.and_then(|()| open.charge_words(request.scene.count.get())) {
+                self.outbox.refuse_and_close(open, over.into())
+            } else {
+                let (way, executor) = ((beside_others, joining), &mut engines.executor);
+                let cull = || self.cull(open, request, &options, way, executor);
+                self.work(RunsOn::Worker, options.threads, cull)
+            };
         engines.note_room();
         self.outbox.clients.of(session, |client| client.engines = Some(engines));
         used

@@ -148,10 +148,14 @@ impl Responder {
         if !open.is_wanted() {
             return Err(Served::OTHER);
         }
-        if let Err(over) = open.within_budget() {
+        let request = open.parse();
+        // What gives memory back, or asks how things are, is never too much.
+        let takes_none =
+            matches!(request, Ok(Request::EndScene(_) | Request::LeaveShared(_) | Request::Status));
+        if !takes_none && let Err(over) = open.charge_payload() {
             return Err(self.outbox.refuse_and_close(open, over.into()));
         }
-        match open.parse() {
+        match request {
             Ok(Request::Cull(request)) => return Ok((open, request)),
             Ok(Request::EditScene(request)) => {
                 return Err(self.scenes.take(open, &request, threads));

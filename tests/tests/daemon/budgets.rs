@@ -24,10 +24,7 @@ fn row(n: u32, step: f32) -> Vec<Aabb> {
 fn is_refused<T>(done: Result<T, Error>) -> bool {
     match done {
         Ok(_) => false,
-        Err(Error::Reply(ReplyError::Status {
-            status: StatusCode::OverBudget | StatusCode::OutOfMemory,
-            ..
-        })) => true,
+        Err(Error::Reply(ReplyError::Status { status: StatusCode::OverBudget, .. })) => true,
         Err(error) => panic!("{error}"),
     }
 }
@@ -145,36 +142,54 @@ fn ten_greedy_clients_are_held_to_the_memory_that_there_may_be() {
     assert!((limit / 4..limit).contains(&most), "{} of {} MiB", most / MIB, limit / MIB);
 }
 
-/// Boxes in a hole of a file: to read them would fill it with memory of the daemon's.
-#[test]
-fn holes_are_not_filled_beyond_what_their_client_may_take() {
-    let daemon = TestDaemon::start(&["--gpu", "none", "--max-memory", "64M"]);
-    let worker = daemon.worker();
+/// Frames of so many boxes, each in another hole of a file: how many were answered, refused, and the bytes that are there
+/// at the end.
+fn read_holes(daemon: &TestDaemon, n: u32, frames: u64, pause: Duration) -> (u32, u32, u64) {
     // A GiB for each place, of which nothing is there.
-    let pages = (1024 * MIB) as usize / PAGE_BYTES;
-    let client = RawClient::connect_at(&daemon.dir(), pages).unwrap();
-    let n = 3_000;
-    let bytes = u64::from(n) * AABB_BYTES as u64;
-    let pages_of_one = bytes.div_ceil(PAGE_BYTES as u64);
+    let client = RawClient::connect_at(&daemon.dir(), (1024 * MIB) as usize / PAGE_BYTES).unwrap();
+    let pages = (u64::from(n) * AABB_BYTES as u64).div_ceil(PAGE_BYTES as u64);
     let (mut answered, mut refused) = (0, 0);
-    for number in 0..800 {
+    for number in 0..frames {
         let mut loan = client.loan().unwrap();
         loan.header = raw::cull(number, n, EngineChoice::Auto);
-        loan.placed.offset += number * pages_of_one * PAGE_BYTES as u64;
-        loan.placed.pages = pages_of_one;
-        let pending = client.send(loan);
-        let header = pending.answer(TIMEOUT).unwrap();
+        loan.placed.offset += number * pages * PAGE_BYTES as u64;
+        loan.placed.pages = pages;
+        let header = client.send(loan).answer(TIMEOUT).unwrap();
         match StatusCode::from_wire(header.status) {
             Some(StatusCode::Ok) => answered += 1,
             Some(StatusCode::OverBudget) => refused += 1,
             status => panic!("{status:?}"),
         }
+        std::thread::sleep(pause);
     }
-    let filled = fstat(&client.memory.file).unwrap().st_blocks as u64 * 512;
-    println!("{} MiB filled, {answered} answered, {refused} refused", filled / MIB);
+    let there = fstat(&client.memory.file).unwrap().st_blocks as u64 * 512;
+    (answered, refused, there)
+}
+
+/// Boxes in a hole of a file: to read them would fill it with memory of the daemon's.
+#[test]
+fn holes_are_not_filled_beyond_what_their_client_may_take() {
+    let daemon = TestDaemon::start(&["--gpu", "none", "--max-memory", "64M"]);
+    let worker = daemon.worker();
+    let (answered, refused, there) = read_holes(&daemon, 3_000, 800, Duration::ZERO);
     assert!(answered > 100 && refused > 100, "{answered} answered, {refused} refused");
-    assert!((8 * MIB..33 * MIB).contains(&filled), "{} MiB", filled / MIB);
+    assert!((8 * MIB..33 * MIB).contains(&there), "{} MiB", there / MIB);
+    // Long enough for the daemon to look several times how much there is.
+    let (_, refused, there) = read_holes(&daemon, 100_000, 60, Duration::from_millis(40));
+    assert_eq!(refused, 60, "all boxes are in one place");
+    assert!(there < 33 * MIB, "{} MiB", there / MIB);
     assert_eq!(daemon.worker(), worker, "the worker lives");
     let mask = daemon.connect().ask(&row(1_000, 0.7)).wait().unwrap();
     assert_eq!(mask.count(), 999);
+}
+
+#[test]
+fn a_client_whose_frame_was_too_large_goes_on() {
+    let daemon = TestDaemon::start(&["--gpu", "none", "--max-memory", "64M"]);
+    let mut session = daemon.connect();
+    for n in [1_500_000, 300_000, 2_000_000] {
+        assert_eq!(session.ask(&row(100, 0.7)).wait().unwrap().count(), 99);
+        assert!(is_refused(session.ask(&row(n, 0.7)).wait()), "{n} boxes");
+        assert_eq!(session.ask(&row(100, 0.7)).wait().unwrap().count(), 99, "after {n} boxes");
+    }
 }

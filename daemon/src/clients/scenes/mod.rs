@@ -110,6 +110,11 @@ impl SceneRoom {
         (1..=most).rev().find(|copies| bytes(*copies) <= room).unwrap_or(1)
     }
 
+    /// Whether its client may take so many bytes on top.
+    pub(crate) fn has(&self, bytes: u64) -> bool {
+        bytes <= self.charge.share().left()
+    }
+
     fn set(&mut self, bytes: u64) {
         let before = self.charge.bytes();
         self.charge.set(bytes);

@@ -163,7 +163,10 @@ impl Boxes {
         // User data are in the copy as well, and the ticks at which they changed.
         let more = bytes + BYTES_A_COPY * edit.index_end() + 2 * edit.user_data_bytes();
         self.room.make(&mut self.scene, edit, self.pending.boxes, beside + more)?;
-        self.copy.check(edit)?;
+        if let Err(error) = self.copy.check(edit) {
+            self.note_bytes();
+            return Err(error.into());
+        }
         // Others are checked before it is applied: its boxes are not in the scene then.
         self.pending.add(edit, bytes);
         Ok(())
@@ -327,6 +330,11 @@ impl Boxes {
         Remains::of(&self.copy, &ranges)
     }
 
+    /// Whether there is room for so many bytes on top.
+    pub fn has_room(&self, bytes: u64) -> bool {
+        self.room.has(bytes)
+    }
+
     /// Notes what is kept, after a tick of members of whom so much is kept.
     pub fn note_room(&mut self, members_bytes: u64) {
         (self.members_bytes, self.pending) = (members_bytes, Pending::default());
@@ -334,7 +342,7 @@ impl Boxes {
     }
 
     fn note_bytes(&mut self) {
-        let beside = self.own_bytes() + self.members_bytes;
+        let beside = self.own_bytes() + self.members_bytes + self.pending.bytes;
         self.room.note(&self.scene, beside);
     }
 }

@@ -60,7 +60,12 @@ pub(super) fn apply(
     match boxes.apply(edit, threads) {
         Ok(Changed::Reported) => {
             let changes = boxes.changes();
-            for_each(recipients.to_vec(), threads, |recipient| recipient.note(&changes));
+            if !boxes.has_room(recipients.len() as u64 * changes.bytes()) {
+                // They are sent all pairs next, which nobody keeps for them.
+                lose(recipients);
+            } else {
+                for_each(recipients.to_vec(), threads, |recipient| recipient.note(&changes));
+            }
         }
         Ok(Changed::Lost) => lose(recipients),
         Err(error) => {

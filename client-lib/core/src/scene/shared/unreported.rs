@@ -75,6 +75,11 @@ pub struct TickChanges {
 }
 
 impl TickChanges {
+    /// Bytes that a member takes which notes all of them.
+    pub const fn bytes(&self) -> u64 {
+        ((self.begun.len() + self.ended.len()) * size_of::<NamedPair>()) as u64
+    }
+
     /// By the answer to an edit that was [noted](Incarnations::apply), to which all before were acknowledged.
     pub fn of(reported: &Reported, incarnations: &Incarnations) -> Self {
         let begun = reported.begun().iter().map(|pair| incarnations.now(*pair));
