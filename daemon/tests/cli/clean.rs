@@ -125,7 +125,7 @@ fn what_lives_stays_and_goes_on() {
 }
 
 #[test]
-fn memory_that_is_held_or_new_or_anothers_stays() {
+fn memory_that_is_held_or_new_or_of_another_user_stays() {
     let _alone = alone();
     let sandbox = Sandbox::new();
     let new = Memory::of(&sandbox, "new", Duration::ZERO);
