@@ -167,6 +167,15 @@ impl TestDaemon {
         self.supervisor.insert(child).id()
     }
 
+    /// Serves in another directory, of a group that is let in, and waits until it does.
+    pub fn serve_in(&mut self, dir: &Path, group: u32) {
+        self.arguments.extend(["--runtime-dir".into(), dir.display().to_string()]);
+        self.arguments.push(format!("--allow-group={group}"));
+        self.spawn();
+        let (dir, name) = (RuntimeDir::at(dir), InstanceName::default());
+        eventually("the daemon serves", || dir.read_record(&name));
+    }
+
     pub fn restart(&mut self) {
         let supervisor = self.spawn();
         // The record may still be that of the daemon before, whose worker is just ending.

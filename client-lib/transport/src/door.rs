@@ -19,7 +19,7 @@ use crate::instance::RuntimeDir;
 use crate::locked::lock;
 use crate::peer::Peer;
 use crate::socket::{Door as Answer, Hello, PeerProcess, Received, Welcome, listen_at, peer_of};
-use crate::socket::{receive, send};
+use crate::socket::{is_in_group, receive, send};
 
 /// Who has connected says what it wants within this time; a client does so at once.
 const SAYS_WITHIN: Duration = Duration::from_secs(1);
@@ -56,6 +56,8 @@ pub struct Door {
     prefix: String,
     max_clients: usize,
     budget: Budget,
+    /// Whose members are let in, beside processes of this user.
+    group: Option<u32>,
     /// The parent of this process, which tests it: it takes no client's place, and is not counted.
     supervisor: u32,
     /// Sockets: the listener's and those of clients.
@@ -89,7 +91,7 @@ impl Door {
         budget: Budget,
     ) -> Result<Self, InstanceError> {
         let path = dir.socket_file(name);
-        let listener = listen_at(&path)?;
+        let listener = listen_at(&path, if dir.group().is_some() { 0o660 } else { 0o600 })?;
         let failed = |e: Errno| crate::trust::io_error(&path)(e.into());
         let epoll = || epoll::create(epoll::CreateFlags::CLOEXEC);
         let (sockets, wakes) = (epoll().map_err(failed)?, epoll().map_err(failed)?);
@@ -102,6 +104,7 @@ impl Door {
             prefix: dir.shm_prefix(name),
             max_clients,
             budget,
+            group: dir.group(),
             supervisor: getppid().map_or(0, |pid| pid.as_raw_nonzero().get().unsigned_abs()),
             sockets,
             wakes,
@@ -180,7 +183,7 @@ impl Door {
         let _ = rustix::io::write(&self.end, &1_u64.to_ne_bytes());
     }
 
-    /// Accepts a connection of this user's.
+    /// Accepts a connection of this user's, or of a member of the group that is let in.
     fn accept(&self, knocking: &mut Vec<Knocking>) {
         let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
         let socket = match accept_with(&self.listener, flags) {
@@ -197,7 +200,8 @@ impl Door {
             Err(_) => return,
         };
         let Ok(peer) = peer_of(socket.as_fd()) else { return };
-        if peer.user != rustix::process::geteuid().as_raw() {
+        let is_member = |group| is_in_group(socket.as_fd(), &peer, group);
+        if peer.user != rustix::process::geteuid().as_raw() && !self.group.is_some_and(is_member) {
             return;
         }
         if knocking.len() >= MOST_SILENT {

@@ -4,19 +4,21 @@
 //! A runtime directory ([`RuntimeDir::from_env`]) holds for each instance a lock file, held by the
 //! supervisor for its life, a record that names the processes and the wire version, the worker's
 //! heartbeat ([`DaemonWatch`](crate::DaemonWatch)) and its status file. The kernel frees a lock however
-//! its process ends. All of it has to be the user's own: both sides refuse files that another user could
-//! change, before they open any.
+//! its process ends. All of it has to be the user's own, or for a client a user's whom it trusts: both sides refuse
+//! files that another user could change, before they open any.
 
 use std::fmt;
 use std::fs::{self, File, OpenOptions};
 use std::io::{ErrorKind, Write};
-use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt, chown};
 use std::path::{Path, PathBuf};
 
 use pairmask_wire::{InstanceError, InstanceName, Version};
 use rustix::fs::{FlockOperation, flock};
 
-use crate::trust::{check_directory, check_file, io_error, open_plain, read_own, replace_own};
+use crate::trust::{
+    check_directory, check_file, io_error, is_own, open_plain, read_own, replace_own,
+};
 
 /// The directory that holds a user's instances.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -24,14 +26,44 @@ pub struct RuntimeDir {
     path: PathBuf,
     /// Further directories where a client looks.
     others: Vec<PathBuf>,
+    /// A group whose members are let in; of a daemon's directory only.
+    group: Option<u32>,
 }
 
+/// Mode of a directory whose group is let in: its members look at what is in it and change nothing, and files that are
+/// made in it are of its group.
+const GROUP_MODE: u32 = 0o2750;
+
 /// Creates a directory, or checks that no other user can change the one that exists.
-fn ensure_own_dir(path: &Path, mode: u32) -> Result<(), InstanceError> {
-    match fs::DirBuilder::new().recursive(true).mode(mode).create(path) {
+fn ensure_own_dir(path: &Path) -> Result<(), InstanceError> {
+    match fs::DirBuilder::new().recursive(true).mode(0o755).create(path) {
         // Something exists at the path: the check below names what is wrong with it.
         Err(error) if error.kind() != ErrorKind::AlreadyExists => Err(io_error(path)(error)),
         Ok(()) | Err(_) => check_directory(path),
+    }?;
+    let data = fs::symlink_metadata(path).map_err(io_error(path))?;
+    if is_own(&data) {
+        Ok(())
+    } else {
+        Err(InstanceError::Foreign { path: path.to_owned(), owner: data.uid() })
+    }
+}
+
+/// Creates a directory that is open to a group. One that exists has to be so already: it may hold more than instances.
+fn ensure_group_dir(path: &Path, group: u32) -> Result<(), InstanceError> {
+    let is_new = fs::symlink_metadata(path).is_err();
+    ensure_own_dir(path)?;
+    let is_open = |data: &fs::Metadata| data.gid() == group && data.mode() & 0o7777 == GROUP_MODE;
+    let open = || {
+        if is_new {
+            chown(path, None, Some(group))?;
+            fs::set_permissions(path, fs::Permissions::from_mode(GROUP_MODE))?;
+        }
+        fs::symlink_metadata(path)
+    };
+    match open() {
+        Ok(data) if is_open(&data) => Ok(()),
+        Ok(_) | Err(_) => Err(InstanceError::NotOfGroup { path: path.to_owned(), group }),
     }
 }
 
@@ -59,13 +91,13 @@ pub(super) fn shared_files(prefix: &str) -> impl Iterator<Item = fs::DirEntry> {
 impl RuntimeDir {
     /// A directory of the caller's choice.
     pub fn at(path: impl Into<PathBuf>) -> Self {
-        Self { path: path.into(), others: Vec::new() }
+        Self { path: path.into(), others: Vec::new(), group: None }
     }
 
     /// The first candidate, with the others as further directories for clients.
     pub(super) fn first_of(mut candidates: Vec<PathBuf>) -> Self {
         let others = candidates.split_off(candidates.len().min(1));
-        Self { path: candidates.pop().unwrap_or_default(), others }
+        Self { path: candidates.pop().unwrap_or_default(), others, group: None }
     }
 
     /// The path.
@@ -95,7 +127,21 @@ impl RuntimeDir {
     /// # Errors
     /// [`InstanceError`].
     pub fn ensure(&self) -> Result<(), InstanceError> {
-        ensure_own_dir(&self.path, 0o755)
+        match self.group {
+            None => ensure_own_dir(&self.path),
+            Some(group) => ensure_group_dir(&self.path, group),
+        }
+    }
+
+    /// The same directory, of a daemon that lets members of a group in too.
+    #[must_use]
+    pub fn with_group(self, group: Option<u32>) -> Self {
+        Self { group, ..self }
+    }
+
+    /// The group whose members are let in.
+    pub const fn group(&self) -> Option<u32> {
+        self.group
     }
 
     /// Checks the directory for a client, which creates nothing.
@@ -187,7 +233,8 @@ impl RuntimeDir {
         record: &DaemonRecord,
     ) -> Result<(), InstanceError> {
         let new = self.file(name, ".daemon.new");
-        replace_own(&new, &self.record_file(name), record.to_string().as_bytes())
+        let text = record.to_string();
+        replace_own(&new, &self.record_file(name), text.as_bytes(), self.group.is_some())
     }
 
     /// Removes the record, the heartbeat, the status file and the socket of an instance that stops.

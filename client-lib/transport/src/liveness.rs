@@ -7,7 +7,7 @@
 
 use std::fs::{self, File, OpenOptions};
 use std::os::fd::OwnedFd;
-use std::os::unix::fs::{FileExt, OpenOptionsExt};
+use std::os::unix::fs::{FileExt, OpenOptionsExt, PermissionsExt};
 use std::time::{Duration, Instant};
 
 use pairmask_wire::{InstanceError, InstanceName};
@@ -25,8 +25,11 @@ pub const BEAT_INTERVAL: Duration = Duration::from_millis(20);
 /// answers its frame itself then, 200 ms after it was sent at the latest.
 pub const SILENT_AFTER: Duration = Duration::from_millis(150);
 
-/// Mode of the file: a user who may open it may lock it, and so keep a dead daemon alive.
+/// Mode of the file: a user who may open it may lock it, and so keep a dead daemon alive, until another worker makes a
+/// file of its own.
 const MODE: u32 = 0o600;
+/// The same where a group is let in. What a member keeps alive so is silent, by the beats.
+const GROUP_MODE: u32 = 0o640;
 
 /// A worker's own heartbeat. Its lock is held until this is dropped or the process ends.
 #[derive(Debug)]
@@ -47,6 +50,9 @@ impl Heartbeat {
         let file = open_plain(&new, OpenOptions::new().create_new(true).write(true).mode(MODE))?;
         flock(&file, FlockOperation::NonBlockingLockExclusive)
             .map_err(|errno| io_error(&new)(errno.into()))?;
+        if dir.group().is_some() {
+            file.set_permissions(fs::Permissions::from_mode(GROUP_MODE)).map_err(io_error(&new))?;
+        }
         let mut heart = Self { file, beats: 0 };
         heart.beat().map_err(io_error(&new))?;
         // Locked before it has its name: nobody sees a living worker's file without a lock.

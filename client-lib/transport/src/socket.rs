@@ -21,7 +21,7 @@ use rustix::net::{
     listen, recvmsg, sendmsg, socket_with, socketpair,
 };
 
-use crate::trust::{io_error, is_own};
+use crate::trust::{io_error, is_trusted};
 
 /// "PMSO" in memory order: the first word of each message on the socket.
 const MAGIC: u32 = u32::from_le_bytes(*b"PMSO");
@@ -136,8 +136,8 @@ fn new_socket() -> io::Result<OwnedFd> {
 /// Clients that may wait to be let in: as many as there may be by default.
 const BACKLOG: i32 = 128;
 
-/// A socket at a path, in place of a predecessor's.
-pub(super) fn listen_at(path: &Path) -> Result<OwnedFd, InstanceError> {
+/// A socket at a path, in place of a predecessor's, with a mode that says who may connect to it.
+pub(super) fn listen_at(path: &Path, mode: u32) -> Result<OwnedFd, InstanceError> {
     let listen = || {
         let socket = new_socket()?;
         match fs::remove_file(path) {
@@ -145,18 +145,18 @@ pub(super) fn listen_at(path: &Path) -> Result<OwnedFd, InstanceError> {
             Ok(()) | Err(_) => {}
         }
         at_address(path, |address| bind(&socket, address))?;
-        fs::set_permissions(path, fs::Permissions::from_mode(0o600))?;
+        fs::set_permissions(path, fs::Permissions::from_mode(mode))?;
         listen(&socket, BACKLOG)?;
         Ok(socket)
     };
     listen().map_err(io_error(path))
 }
 
-/// Connects to the socket at a path, whose other end is this user's.
+/// Connects to the socket at a path, whose other end is this user's or a trusted one's.
 pub(super) fn connect_to(path: &Path) -> Result<OwnedFd, InstanceError> {
     let data = fs::symlink_metadata(path).map_err(io_error(path))?;
     let foreign = |owner| InstanceError::Foreign { path: path.to_owned(), owner };
-    if !is_own(&data) {
+    if !is_trusted(data.uid()) {
         return Err(foreign(data.uid()));
     }
     if !data.file_type().is_socket() {
@@ -169,17 +169,14 @@ pub(super) fn connect_to(path: &Path) -> Result<OwnedFd, InstanceError> {
     };
     let socket = connect().map_err(io_error(path))?;
     let peer = peer_of(socket.as_fd()).map_err(io_error(path))?;
-    if peer.user == rustix::process::geteuid().as_raw() {
-        Ok(socket)
-    } else {
-        Err(foreign(peer.user))
-    }
+    if is_trusted(peer.user) { Ok(socket) } else { Err(foreign(peer.user)) }
 }
 
 /// The process at the other end, as the kernel knows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct PeerProcess {
     pub(super) user: u32,
+    group: u32,
     /// 0 where it is in a PID namespace that this one does not see.
     pub(super) process: u32,
 }
@@ -196,7 +193,36 @@ pub(super) fn peer_of(socket: BorrowedFd<'_>) -> io::Result<PeerProcess> {
     if done != 0 {
         return Err(io::Error::last_os_error());
     }
-    Ok(PeerProcess { user: credentials.uid, process: credentials.pid as u32 })
+    let (user, group) = (credentials.uid, credentials.gid);
+    Ok(PeerProcess { user, group, process: credentials.pid as u32 })
+}
+
+/// Whether the process at the other end was in a group when it connected.
+pub(super) fn is_in_group(socket: BorrowedFd<'_>, peer: &PeerProcess, group: u32) -> bool {
+    peer.group == group || further_groups(socket).is_ok_and(|groups| groups.contains(&group))
+}
+
+/// The supplementary groups of the process at the other end.
+fn further_groups(socket: BorrowedFd<'_>) -> io::Result<Vec<libc::gid_t>> {
+    let mut groups: Vec<libc::gid_t> = vec![0; 32];
+    loop {
+        let mut bytes = size_of_val(groups.as_slice()) as libc::socklen_t;
+        let (level, option) = (libc::SOL_SOCKET, libc::SO_PEERGROUPS);
+        let (of, to) = (socket.as_raw_fd(), groups.as_mut_ptr().cast());
+        // SAFETY: the option is a list of group ids, for which there is room of so many `bytes`.
+        let done = unsafe { libc::getsockopt(of, level, option, to, &raw mut bytes) };
+        let error = io::Error::last_os_error();
+        let count = bytes as usize / size_of::<libc::gid_t>();
+        if done == 0 {
+            groups.truncate(count);
+            return Ok(groups);
+        }
+        // There are more, and `bytes` says how many.
+        if error.raw_os_error() != Some(libc::ERANGE) || count <= groups.len() {
+            return Err(error);
+        }
+        groups.resize(count, 0);
+    }
 }
 
 /// One end of a pair of sockets by which either side wakes the other. A wait is the kernel's flag of the call, and not of

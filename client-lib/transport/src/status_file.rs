@@ -91,7 +91,8 @@ impl RuntimeDir {
         status: &StatusFile,
     ) -> Result<(), InstanceError> {
         let new = self.file(name, ".account.new");
-        replace_own(&new, &self.status_file(name), bytemuck::bytes_of(status))
+        let shared = self.group().is_some();
+        replace_own(&new, &self.status_file(name), bytemuck::bytes_of(status), shared)
     }
 
     /// The status file of an instance, or `None` where there is none or it is malformed.

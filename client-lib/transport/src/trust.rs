@@ -1,18 +1,38 @@
 //! Checks of owner, mode and links. A file that another user can change is not used: that user
 //! could replace it, truncate memory that this process has mapped (SIGBUS), or forge answers.
 
-use std::fs::{self, File, Metadata, OpenOptions};
+use std::fs::{self, File, Metadata, OpenOptions, Permissions};
 use std::io::{ErrorKind, Read};
-use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use pairmask_wire::InstanceError;
 use rustix::fs::OFlags;
+use rustix::process::{getegid, geteuid, getgid, getuid};
 
 /// Wraps the system's error on a file.
 pub(super) fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> InstanceError + '_ {
     move |source| InstanceError::Io { path: path.to_owned(), source: Arc::new(source) }
+}
+
+/// Environment variable by which a client consents to use what this other user owns: its daemon may forge answers, and
+/// cut memory that this process reads. A number.
+const TRUSTED_VARIABLE: &str = "PAIRMASK_TRUST_UID";
+
+/// The user whom this process trusts beside its own.
+fn trusted_user() -> Option<u32> {
+    static TRUSTED: OnceLock<Option<u32>> = OnceLock::new();
+    *TRUSTED.get_or_init(|| {
+        // A program with set-user-id has its environment from those whom it must not trust.
+        let is_plain = getuid() == geteuid() && getgid() == getegid();
+        std::env::var(TRUSTED_VARIABLE).ok().filter(|_| is_plain)?.parse().ok()
+    })
+}
+
+/// Whether a client uses what this user owns: its own effective user, or the one of [`TRUSTED_VARIABLE`].
+pub(super) fn is_trusted(user: u32) -> bool {
+    user == geteuid().as_raw() || trusted_user() == Some(user)
 }
 
 /// Mode bits: users other than the owner may write.
@@ -20,11 +40,11 @@ const OTHERS_WRITE: u32 = 0o022;
 /// Whether a file is owned by the process's effective user. Root's files are no exception: only
 /// root uses them.
 pub(super) fn is_own(data: &Metadata) -> bool {
-    data.uid() == rustix::process::geteuid().as_raw()
+    data.uid() == geteuid().as_raw()
 }
 
 fn check(path: &Path, data: &Metadata) -> Result<(), InstanceError> {
-    if !is_own(data) {
+    if !is_trusted(data.uid()) {
         return Err(InstanceError::Foreign { path: path.to_owned(), owner: data.uid() });
     }
     let mode = data.mode() & 0o7777;
@@ -34,10 +54,10 @@ fn check(path: &Path, data: &Metadata) -> Result<(), InstanceError> {
     Ok(())
 }
 
-/// Checks that a path is a directory and no link, and that it is the user's own.
+/// Checks that a path is a directory and no link, and that it is the user's own or a trusted one's.
 pub(super) fn check_directory(path: &Path) -> Result<(), InstanceError> {
     let data = fs::symlink_metadata(path).map_err(io_error(path))?;
-    if data.is_symlink() && !is_own(&data) {
+    if data.is_symlink() && !is_trusted(data.uid()) {
         return Err(InstanceError::Foreign { path: path.to_owned(), owner: data.uid() });
     }
     if !data.is_dir() {
@@ -46,7 +66,7 @@ pub(super) fn check_directory(path: &Path) -> Result<(), InstanceError> {
     check(path, &data)
 }
 
-/// Checks that an open file is a plain one with one name at most, and that it is the user's own.
+/// Checks that an open file is a plain one with one name at most, and that it is the user's own or a trusted one's.
 pub(super) fn check_file(path: &Path, file: &File) -> Result<(), InstanceError> {
     let data = file.metadata().map_err(io_error(path))?;
     check(path, &data)?;
@@ -69,7 +89,7 @@ pub(super) fn open_plain(path: &Path, options: &mut OpenOptions) -> Result<File,
     })
 }
 
-/// Reads a small file of the user's own; `None` where there is none.
+/// Reads a small file of the user's own or of a trusted one; `None` where there is none.
 pub(super) fn read_own(path: &Path, most: u64) -> Result<Option<Vec<u8>>, InstanceError> {
     let file = match open_plain(path, OpenOptions::new().read(true)) {
         Ok(file) => file,
@@ -79,7 +99,7 @@ pub(super) fn read_own(path: &Path, most: u64) -> Result<Option<Vec<u8>>, Instan
         // An error that names the owner says more than one that names a missing right or a link.
         Err(error) => {
             return Err(match fs::symlink_metadata(path) {
-                Ok(data) if !is_own(&data) => {
+                Ok(data) if !is_trusted(data.uid()) => {
                     InstanceError::Foreign { path: path.to_owned(), owner: data.uid() }
                 }
                 _ => error,
@@ -92,12 +112,21 @@ pub(super) fn read_own(path: &Path, most: u64) -> Result<Option<Vec<u8>>, Instan
     Ok(Some(bytes))
 }
 
-/// Replaces a small file in one step. All users may read it.
-pub(super) fn replace_own(new: &Path, path: &Path, bytes: &[u8]) -> Result<(), InstanceError> {
+/// Replaces a small file in one step. All users may read it who reach it; where it is `shared`, its group, whatever
+/// the process's mask of modes.
+pub(super) fn replace_own(
+    new: &Path,
+    path: &Path,
+    bytes: &[u8],
+    shared: bool,
+) -> Result<(), InstanceError> {
     use std::io::Write;
     let mut options = OpenOptions::new();
     let mut file = open_plain(new, options.create(true).write(true).truncate(true).mode(0o644))?;
     check_file(new, &file)?;
+    if shared {
+        file.set_permissions(Permissions::from_mode(0o640)).map_err(io_error(new))?;
+    }
     file.write_all(bytes).map_err(io_error(new))?;
     fs::rename(new, path).map_err(io_error(path))
 }
@@ -105,7 +134,7 @@ pub(super) fn replace_own(new: &Path, path: &Path, bytes: &[u8]) -> Result<(), I
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use std::os::unix::fs::{PermissionsExt, symlink};
+    use std::os::unix::fs::symlink;
     use std::path::PathBuf;
 
     use super::*;
@@ -145,7 +174,7 @@ mod tests {
         let dir = directory("files");
         let (file, link, second) = (dir.join("file"), dir.join("link"), dir.join("second"));
         assert_eq!(read_own(&file, 9).unwrap(), None);
-        replace_own(&dir.join("new"), &file, b"hello").unwrap();
+        replace_own(&dir.join("new"), &file, b"hello", false).unwrap();
         assert_eq!(read_own(&file, 9).unwrap().unwrap(), b"hello");
         assert_eq!(read_own(&file, 2).unwrap().unwrap(), b"he");
         symlink(&file, &link).unwrap();
@@ -153,7 +182,7 @@ mod tests {
         assert!(matches!(read_own(&dir, 9), Err(InstanceError::NotPlain { .. })));
         // Writing a record follows no link.
         fs::rename(&link, dir.join("new")).unwrap();
-        let refused = replace_own(&dir.join("new"), &second, b"bye").unwrap_err();
+        let refused = replace_own(&dir.join("new"), &second, b"bye", false).unwrap_err();
         assert!(matches!(refused, InstanceError::NotPlain { .. }), "{refused}");
         assert_eq!(fs::read(&file).unwrap(), b"hello");
         fs::hard_link(&file, &second).unwrap();

@@ -69,6 +69,14 @@ pub enum InstanceError {
         /// Its mode.
         mode: u32,
     },
+    /// A daemon is to let a group in, and its directory is not open to that.
+    #[error("{} is not open to group {group} alone: as a member of it, `chgrp {group}` and `chmod 2750` the directory, or name a new one by --runtime-dir", path.display())]
+    NotOfGroup {
+        /// The directory.
+        path: PathBuf,
+        /// The group's id.
+        group: u32,
+    },
     /// The path is a link, or not of the expected kind.
     #[error("{} is not {expected}: remove it, or set PAIRMASK_RUNTIME_DIR to another directory", path.display())]
     NotPlain {

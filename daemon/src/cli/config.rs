@@ -12,6 +12,7 @@ use pairmask_core::{EncodingChoice, EngineChoice};
 use pairmask_wire::InstanceName;
 use serde::{Deserialize, Deserializer};
 
+use super::group::GroupId;
 use super::memory_size::MemorySize;
 use super::program::WrongUsage;
 use super::whole_number::whole_number;
@@ -57,6 +58,8 @@ pub struct Config {
     pub(super) without_fence: Option<WithoutFences>,
     #[serde(deserialize_with = "number")]
     pub(super) probe_ms: Option<u32>,
+    #[serde(deserialize_with = "parsed")]
+    pub(super) allow_group: Option<GroupId>,
 }
 
 const QUOTED_CHARS: usize = 60;
@@ -164,7 +167,7 @@ mod tests {
         let config = Config::parse(
             "instance = 'world'\nbackend = 'in-process'\nencoding = 'sparse'\n\
              threads = 2\nspin-us = 0\nmax-clients = 3\nmax-reply-mib = 64\nmax-memory = '2G'\nruntime-dir = '/run/x'\n\
-             gpu = 'none'\ngpu-awake-ms = 0\nisa = 'portable'\nwithout-fence = 'landlock,rlimits'\nprobe-ms = 0",
+             gpu = 'none'\ngpu-awake-ms = 0\nisa = 'portable'\nwithout-fence = 'landlock,rlimits'\nprobe-ms = 0\nallow-group = '7'",
         )
         .expect("every key is known");
         assert_eq!(config.instance.as_ref().map(InstanceName::as_str), Some("world"));
@@ -176,6 +179,7 @@ mod tests {
         assert_eq!(config.isa, AvailableIsa::new(pairmask_core::engine::Isa::Portable));
         assert_eq!(config.without_fence, Some("landlock,rlimits".parse().expect("two fences")));
         assert_eq!(config.probe_ms, Some(0));
+        assert_eq!(config.allow_group, Some(GroupId(7)));
         assert_eq!(config.engine, None);
     }
 }

@@ -13,6 +13,7 @@ mod demo;
 mod doctor;
 mod explain;
 mod gpus;
+mod group;
 pub mod machine;
 mod man;
 mod memory_size;

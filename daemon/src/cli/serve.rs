@@ -7,6 +7,7 @@ use clap::Args;
 use clap::builder::FalseyValueParser;
 use pairmask_transport::Limits;
 
+use super::group::GroupId;
 use super::memory_size::MemorySize;
 use super::options::{CommonOptions, DaemonOptions};
 use super::whole_number::whole_number;
@@ -60,6 +61,9 @@ pub struct Serve {
     /// commas between them, all or none [default: none]
     #[arg(long, env = "PAIRMASK_WITHOUT_FENCE", value_name = "NAMES")]
     without_fence: Option<WithoutFences>,
+    /// Let members of this group in too, by name or number: the runtime directory has to be new, or open to it
+    #[arg(long, env = "PAIRMASK_ALLOW_GROUP", value_name = "GROUP")]
+    allow_group: Option<GroupId>,
     /// How often the process that serves is sent a frame of the daemon's own, and replaced where it answers that
     /// wrongly or not at all, ms; 0 never [default: 3000]
     #[arg(long, value_parser = whole_number::<u32>, env = "PAIRMASK_PROBE_MS", value_name = "N")]
@@ -104,6 +108,7 @@ impl Serve {
         let default = DaemonSettings::default();
         let spin_us = self.spin_us.or(common.file.spin_us);
         let gpu_awake_ms = self.gpu_awake_ms.or(common.file.gpu_awake_ms);
+        let group = self.allow_group.or(common.file.allow_group);
         let probe_ms = self.probe_ms.or(common.file.probe_ms);
         let max_clients = self.max_clients.or(common.file.max_clients);
         let max_reply_mib = self.max_reply_mib.or(common.file.max_reply_mib);
@@ -116,7 +121,7 @@ impl Serve {
         };
         ServeSettings {
             instance: common.instance(),
-            dir: common.runtime_dir(),
+            dir: common.runtime_dir().with_group(group.map(|group| group.0)),
             daemon: DaemonSettings {
                 limits,
                 threads: self.threads.or(common.file.threads),

@@ -191,6 +191,7 @@ fn spawn_worker(settings: &ServeSettings, restarted: bool) -> Result<Child, Serv
         .args(["serve", "--worker", &std::process::id().to_string()])
         .args(["--instance", settings.instance.as_str()])
         .args(settings.daemon.flags())
+        .args(settings.dir.group().map(|group| format!("--allow-group={group}")))
         .args(restarted.then_some("--restarted"))
         .env("PAIRMASK_RUNTIME_DIR", settings.dir.path())
         // Mesa's layer that sorts adapters asks the user's display which one it runs on. A daemon

@@ -17,7 +17,7 @@
 //! Three modes print what they find and end:
 //!
 //! * `full` fills larger and larger frames until the memory runs out, `full-spheres` such of spheres;
-//! * `connect` reports how the attempt to connect went.
+//! * `connect` reports how the attempt to connect went, and has a frame answered.
 
 use std::collections::VecDeque;
 use std::error::Error;
@@ -38,7 +38,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let connected = Session::builder().backend(backend).engine(engine).connect();
     if mode == "connect" {
         match connected {
-            Ok(_) => println!("connected"),
+            Ok(mut session) => {
+                session.ask(&[Aabb::EMPTY; 10]).wait()?;
+                println!("connected");
+            }
             Err(error) => println!("{error:?}"),
         }
         return Ok(());

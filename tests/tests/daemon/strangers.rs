@@ -15,6 +15,8 @@ use pairmask_wire::InstanceName;
 use rustix::process::{Pid, kill_process};
 
 const NOBODY: u32 = 65_534;
+/// A group that no user of this machine is in.
+const GROUP: u32 = 54_321;
 
 /// Checks that [`Backend::Auto`] answers at once in process, regardless of what is wrong with the files.
 fn check_auto(daemon: &TestDaemon, what: &str) {
@@ -187,12 +189,8 @@ fn a_client_looks_through_all_directories_of_its_user() {
     }
 }
 
-#[test]
-fn another_users_daemon_is_named() {
-    if !rustix::process::geteuid().is_root() {
-        return not_without_root();
-    }
-    let daemon = TestDaemon::start(&[]);
+/// A copy of the client that other users may run, and the directory that it lies in.
+fn open_client() -> (tempfile::TempDir, PathBuf) {
     let reachable = tempfile::tempdir().unwrap();
     set_mode(reachable.path(), 0o755);
     let client = reachable.path().join("fault_client");
@@ -201,6 +199,134 @@ fn another_users_daemon_is_named() {
     let copied = Command::new("cp").args([program("fault_client"), client.clone()]).status();
     assert!(copied.unwrap().success());
     set_mode(&client, 0o755);
+    (reachable, client)
+}
+
+fn own_group() -> u32 {
+    rustix::process::getegid().as_raw()
+}
+
+/// Modes of what members of a group may look at, and that nobody else may.
+#[test]
+fn a_group_that_is_let_in_may_look_and_change_nothing() {
+    let group = own_group();
+    let mut daemon = TestDaemon::idle(pairmaskd(), &["--gpu", "none"]);
+    let dir = daemon.path().join("shared");
+    daemon.serve_in(&dir, group);
+    let file = |name| dir.join(name);
+    until("it gives an account of itself", || file("default.account").exists());
+    for (path, mode) in [
+        (dir.clone(), 0o2750),
+        (file("default.daemon"), 0o640),
+        (file("default.heartbeat"), 0o640),
+        (file("default.account"), 0o640),
+        (file("default.socket"), 0o660),
+        (file("default.lock"), 0o600),
+    ] {
+        let data = fs::metadata(&path).unwrap();
+        assert_eq!((data.mode() & 0o7777, data.gid()), (mode, group), "{}", path.display());
+    }
+    let session = Session::builder().runtime_dir(&dir).backend(Backend::Daemon);
+    assert_eq!(session.connect().unwrap().answer(&[at(0.0); 2]).to_vec(), [[0, 1]]);
+    daemon.stop();
+    // A directory that is there is not opened to anybody.
+    for mode in [0o755, 0o700, 0o750, 0o2755] {
+        set_mode(&dir, mode);
+        let refused = RuntimeDir::at(&dir).with_group(Some(group)).ensure();
+        assert!(matches!(refused, Err(InstanceError::NotOfGroup { .. })), "{mode:o}");
+        assert_eq!(fs::metadata(&dir).unwrap().mode() & 0o7777, mode);
+    }
+}
+
+/// A member of a group that is let in, who trusts the daemon's user, is served; nobody else is.
+#[test]
+fn another_user_is_let_in_by_its_group_where_it_trusts_the_daemons_user() {
+    if !rustix::process::geteuid().is_root() {
+        // No second user, and no group that this one is not in.
+        let dir = tempfile::tempdir().unwrap();
+        let (path, group) = (dir.path().join("new"), Some(0));
+        let refused = RuntimeDir::at(&path).with_group(group).ensure();
+        let is_member = own_group() == 0;
+        let is_refused = matches!(refused, Err(InstanceError::NotOfGroup { group: 0, .. }));
+        assert!(is_member || is_refused, "{refused:?}");
+        return not_without_root();
+    }
+    let (_reachable, client) = open_client();
+    let mut daemon = TestDaemon::idle(pairmaskd(), &["--gpu", "none"]);
+    set_mode(daemon.path(), 0o755);
+    let dir = daemon.path().join("shared");
+    daemon.serve_in(&dir, GROUP);
+    let connect = |groups: &str, trusted: &str| {
+        let output = Command::new("setpriv")
+            .args(["--reuid", &NOBODY.to_string(), "--regid", &NOBODY.to_string(), groups])
+            .arg(&client)
+            .arg("connect")
+            .env("PAIRMASK_RUNTIME_DIR", &dir)
+            .env("PAIRMASK_TRUST_UID", trusted)
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    };
+    let many: Vec<String> = (100_000..100_090).map(|group: u32| group.to_string()).collect();
+    let (member, of_many) =
+        (format!("--groups={GROUP}"), format!("--groups={},{GROUP}", many.join(",")));
+    assert_eq!(connect(&member, "0"), "connected\n");
+    assert_eq!(connect(&of_many, "0"), "connected\n");
+    for (groups, trusted) in [(&*member, ""), (&*member, "7"), (&*member, "root")] {
+        let said = connect(groups, trusted);
+        assert!(said.contains("OtherUser") && said.contains("uid: 0"), "{trusted}: {said}");
+    }
+    for groups in ["--clear-groups", "--groups=54322"] {
+        let said = connect(groups, "0");
+        assert!(said.contains("PermissionDenied"), "{groups}: {said}");
+        // Also where modes keep nobody out: the socket is closed at once.
+        let files =
+            ["default.daemon", "default.heartbeat", "default.socket"].map(|name| dir.join(name));
+        set_mode(&dir, 0o755);
+        for file in &files {
+            set_mode(file, 0o644);
+        }
+        set_mode(&files[2], 0o777);
+        let said = connect(groups, "0");
+        assert!(!said.contains("connected"), "{groups}: {said}");
+        set_mode(&dir, 0o2750);
+    }
+    assert_eq!(connect(&member, "0"), "connected\n");
+}
+
+/// A user cannot let a group in that it is not in itself.
+#[test]
+fn a_foreign_group_is_refused() {
+    if !rustix::process::geteuid().is_root() {
+        return not_without_root();
+    }
+    let (reachable, _) = open_client();
+    let own = reachable.path().join("own");
+    fs::create_dir(&own).unwrap();
+    chown(&own, Some(NOBODY), Some(NOBODY)).unwrap();
+    let binary = reachable.path().join("pairmaskd");
+    assert!(Command::new("cp").args([pairmaskd(), binary.clone()]).status().unwrap().success());
+    let output = Command::new(&binary)
+        .args(["serve", "--gpu", "none", "--allow-group", "54321", "--config", "/dev/null"])
+        .arg("--runtime-dir")
+        .arg(own.join("new"))
+        .uid(NOBODY)
+        .gid(NOBODY)
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("not open to group 54321"), "{said}");
+}
+
+#[test]
+fn another_users_daemon_is_named() {
+    if !rustix::process::geteuid().is_root() {
+        return not_without_root();
+    }
+    let daemon = TestDaemon::start(&[]);
+    let (_reachable, client) = open_client();
     let record = daemon.path().join("default.daemon");
     // Modes of directory and record by a usual umask, by a strict one, and in between.
     for (dir_mode, record_mode) in [(0o755, 0o644), (0o755, 0o600), (0o700, 0o600)] {
