@@ -44,8 +44,8 @@ pub struct Serve {
     #[arg(long, value_parser = whole_number::<NonZeroU32>, env = "PAIRMASK_MAX_REPLY_MIB", value_name = "N")]
     max_reply_mib: Option<NonZeroU32>,
     /// Memory that is taken for clients: their boxes, scenes, on GPUs too, answers, and what engines need.
-    /// One client may have half of it; a quarter is kept in equal shares for each [default: two thirds of
-    /// this machine's memory, or of this control group's]
+    /// One client may have half of it, and so may shared scenes; a quarter is kept in equal shares for each
+    /// client [default: two thirds of this machine's memory, or of this control group's]
     #[arg(long, env = "PAIRMASK_MAX_MEMORY", value_name = "SIZE")]
     max_memory: Option<MemorySize>,
     #[command(flatten)]

@@ -4,6 +4,7 @@
 //! Nothing here is needed for a right answer: what was dropped is found again, estimated, or sent again.
 
 mod engines;
+mod heap;
 mod scenes;
 mod work;
 
@@ -68,7 +69,10 @@ impl Clients {
         engines.for_each(|engines| engines.tidy());
         drop(known);
         // Large scenes take a while to free.
-        drop(ended);
+        if !ended.is_empty() {
+            drop(ended);
+            heap::give_back();
+        }
     }
 }
 

@@ -60,11 +60,11 @@ pub(super) fn apply(
     match boxes.apply(edit, threads) {
         Ok(Changed::Reported) => {
             let changes = boxes.changes();
-            if !boxes.has_room(recipients.len() as u64 * changes.bytes()) {
+            if boxes.has_room(recipients.len() as u64 * changes.bytes()) {
+                for_each(recipients.to_vec(), threads, |recipient| recipient.note(&changes));
+            } else {
                 // They are sent all pairs next, which nobody keeps for them.
                 lose(recipients);
-            } else {
-                for_each(recipients.to_vec(), threads, |recipient| recipient.note(&changes));
             }
         }
         Ok(Changed::Lost) => lose(recipients),
