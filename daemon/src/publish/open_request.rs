@@ -38,8 +38,10 @@ pub(crate) struct OpenRequest {
     limit_bytes: u64,
     /// Of any answer.
     most_bytes: u64,
-    /// For its payload, and for what engines keep while they find the answer.
-    charges: Vec<Charge>,
+    /// For its payload.
+    payload_charge: Option<Charge>,
+    /// For what engines keep while they find the answer.
+    words_charge: Option<Charge>,
     /// Where its objects and its answer are to be kept.
     pub(crate) keep: Option<KeepTicket>,
     pub(crate) rules: Option<FrameRules>,
@@ -77,7 +79,8 @@ impl OpenRequest {
             loan: None,
             limit_bytes,
             most_bytes,
-            charges: Vec::new(),
+            payload_charge: None,
+            words_charge: None,
             keep: None,
             rules: None,
             world_ranges: None,
@@ -113,8 +116,7 @@ impl OpenRequest {
 
     /// Makes sure that its payload may be read.
     pub(crate) fn charge_payload(&mut self) -> Result<(), OverBudget> {
-        let charge = self.request().charge_payload()?;
-        self.charges.extend(charge);
+        self.payload_charge = self.request().charge_payload()?;
         Ok(())
     }
 
@@ -125,8 +127,7 @@ impl OpenRequest {
         let all = (n * n / 64 + n).saturating_mul(WORD_BYTES);
         self.limit_bytes = self.most_bytes.min(self.share().left() / ANSWER_PART);
         let bytes = (ANSWER_PART - 1) * self.limit_bytes.min(all);
-        let charge = self.share().charge(Memory::Own, bytes)?;
-        self.charges.push(charge);
+        self.words_charge = Some(self.share().charge(Memory::Own, bytes)?);
         Ok(())
     }
 
