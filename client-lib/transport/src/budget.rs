@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use crate::locked::lock;
+use crate::process_limits;
 
 /// The part of the budget that is kept for clients in equal shares, as a divisor: 1 MiB for each of a hundred clients
 /// of 512 MiB is a frame of some thousand boxes. A larger part would lie idle where few clients connect.
@@ -117,10 +118,8 @@ impl Budget {
 
 /// Memory of this process that no file is behind; `None` where the kernel does not say.
 fn own_bytes() -> Option<u64> {
-    let sizes = std::fs::read_to_string("/proc/self/statm").ok()?;
-    let mut pages = sizes.split_ascii_whitespace().skip(1).map(str::parse::<u64>);
-    let (resident, shared) = (pages.next()?.ok()?, pages.next()?.ok()?);
-    Some(resident.saturating_sub(shared) * rustix::param::page_size() as u64)
+    let [_, resident, shared] = process_limits::sizes()?;
+    Some(resident.saturating_sub(shared))
 }
 
 impl Inner {

@@ -29,7 +29,7 @@ impl Maker {
             // SAFETY: the handler adds to a number, which may be done at any time. It stays as long as the program.
             let failed = unsafe { libc::pthread_atfork(None, None, Some(count)) };
             if failed != 0 {
-                log::warn!("a forked child will not be told from its parent");
+                log::warn!("a forked child will not be distinguished from its parent");
             }
         });
         Self { forks: FORKS.load(Ordering::Relaxed), process: std::process::id() }

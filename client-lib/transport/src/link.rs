@@ -345,9 +345,6 @@ impl Link {
 
     /// Takes what the daemon has sent over the socket. Whether the socket is open.
     fn take_messages(&self) -> bool {
-        if !self.is_own() {
-            return false;
-        }
         let mut inbox = lock(&self.inbox);
         // A daemon sends less at a time than it has segments.
         for _ in 0..MOST_SEGMENTS {

@@ -60,9 +60,17 @@ pub(super) fn behind(bytes: u64) -> Option<LimitError> {
 /// Bytes that this process may still map; `None` without a limit.
 fn address_space_left() -> Option<u64> {
     let limit = getrlimit(Resource::As).current?;
-    let statm = std::fs::read_to_string("/proc/self/statm").unwrap_or_default();
-    let pages: u64 = statm.split_whitespace().next().and_then(|n| n.parse().ok()).unwrap_or(0);
-    Some(limit.saturating_sub(pages * page_size() as u64))
+    let mapped = sizes().map_or(0, |[mapped, ..]| mapped);
+    Some(limit.saturating_sub(mapped))
+}
+
+/// Bytes that this process has mapped, that are present of them, and that a file is behind of these; `None` where the
+/// kernel does not say.
+pub(super) fn sizes() -> Option<[u64; 3]> {
+    let statm = std::fs::read_to_string("/proc/self/statm").ok()?;
+    let pages = statm.split_ascii_whitespace().map_while(|pages| pages.parse::<u64>().ok());
+    let bytes: Vec<u64> = pages.take(3).map(|pages| pages * page_size() as u64).collect();
+    bytes.try_into().ok()
 }
 
 /// Raises the soft limit of open files to the hard one: a worker needs several for each client, and the

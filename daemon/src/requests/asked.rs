@@ -11,6 +11,7 @@ use pairmask_core::scene::{BeyondMask, Cast, QueryError};
 use pairmask_transport::Memory;
 use pairmask_wire::{CastRequest, QueryRequest, Reject, SceneId, response_cast};
 
+use super::PAIR_BYTES;
 use super::scene::Failed;
 use crate::audit::AuditedScene;
 use crate::execute::SceneHost;
@@ -19,9 +20,6 @@ use crate::publish::{OpenRequest, Outbox, Refusal};
 /// Most pairs whose memory a scene keeps between queries: 8 MiB, 2,048 pages. To find more takes far longer than
 /// to map their memory.
 const MOST_KEPT_PAIRS: usize = 1 << 20;
-
-/// Bytes of a pair that is found.
-const PAIR_BYTES: u64 = size_of::<[u32; 2]>() as u64;
 
 /// Words of a hit in a reply.
 const HIT_WORDS: u64 = (HIT_BYTES / size_of::<u32>()) as u64;

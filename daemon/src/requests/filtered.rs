@@ -10,6 +10,7 @@ use pairmask_core::scene::is_small_set;
 use pairmask_core::{BoxCount, EngineChoice};
 use pairmask_wire::SentRules;
 
+use super::PAIR_BYTES;
 use crate::clients::GpuNeed;
 use crate::execute::{Executor, Owner, Planned, RuledFrame, boxes_of};
 use crate::locked;
@@ -17,7 +18,6 @@ use crate::publish::OpenRequest;
 
 /// Words of a mask from which several threads filter it: a thread takes some 0.1 ms for them.
 const SHARED_WORDS: u64 = 1 << 15;
-const PAIR_BYTES: u64 = 8;
 /// Memory of a filter that no frame needed for so long is given back.
 const IDLE: Duration = Duration::from_secs(10);
 

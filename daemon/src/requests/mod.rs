@@ -34,6 +34,9 @@ use crate::serve::{ServeError, ServeSettings};
 /// as with the engines' scratch. That of a disconnected client is given back at once.
 const IDLE: Duration = Duration::from_secs(10);
 
+/// Bytes of a pair of indices.
+const PAIR_BYTES: u64 = size_of::<[u32; 2]>() as u64;
+
 const _: () = assert!(size_of::<StatusBody>() <= PAGE_BYTES, "a status fits one page");
 
 /// Ends the process where a thread that serves panics: the supervisor starts another one.

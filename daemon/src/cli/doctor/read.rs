@@ -23,7 +23,7 @@ use crate::path_in;
 use crate::serve::fences::Fences;
 use crate::serve::{FILES_PER_CLIENT, OWN_FILES};
 
-/// What `serve` would be told by the same flags, variables and file.
+/// What `serve` would be set to by the same flags, variables and file.
 #[derive(Clone, Debug)]
 pub struct Serving {
     pub max_clients: usize,
