@@ -71,8 +71,10 @@ pub struct Share(Arc<OfClient>);
 #[derive(Debug)]
 struct OfClient {
     of: Budget,
-    /// Is changed under the lock of the budget.
+    /// Both are changed under the lock of the budget.
     used: AtomicU64,
+    /// Bytes that are kept for it: none once it is gone.
+    kept: AtomicU64,
 }
 
 /// Memory that is taken. Dropped, it goes back.
@@ -93,7 +95,8 @@ impl Budget {
 
     /// The share of a client that has taken nothing.
     pub fn share(&self) -> Share {
-        Share(Arc::new(OfClient { of: self.clone(), used: AtomicU64::new(0) }))
+        let kept = AtomicU64::new(self.0.kept);
+        Share(Arc::new(OfClient { of: self.clone(), used: AtomicU64::new(0), kept }))
     }
 
     /// Looks how much memory this process has of its own: what was not charged of it is the daemon's, and is taken from
@@ -123,15 +126,10 @@ fn own_bytes() -> Option<u64> {
 }
 
 impl Inner {
-    /// The part of a client's memory that is not kept for it.
-    const fn beyond(&self, bytes: u64) -> u64 {
-        bytes.saturating_sub(self.kept)
-    }
-
-    /// What a client may have that has `bytes`.
-    fn most(&self, used: &Used, bytes: u64) -> u64 {
+    /// What a client may have that has `bytes`, and for which so many are kept.
+    fn most(&self, used: &Used, bytes: u64, kept: u64) -> u64 {
         let left = self.common.saturating_sub(used.common + used.daemon);
-        (bytes.max(self.kept) + left).min(self.limit / CLIENT_PART)
+        (bytes.max(kept) + left).min(self.limit / CLIENT_PART)
     }
 }
 
@@ -155,7 +153,16 @@ impl Share {
         let Inner { used, .. } = &*self.0.of.0;
         let used = lock(used);
         let bytes = self.0.used.load(Ordering::Relaxed);
-        self.0.of.0.most(&used, bytes).saturating_sub(bytes)
+        let kept = self.0.kept.load(Ordering::Relaxed);
+        self.0.of.0.most(&used, bytes, kept).saturating_sub(bytes)
+    }
+
+    /// Its client is gone: what was kept for it is kept for the next one, and what it has is taken from all until it is
+    /// freed.
+    pub(crate) fn end(&self) {
+        let OfClient { of: Budget(budget), used: of_client, kept } = &*self.0;
+        let mut used = lock(&budget.used);
+        used.common += of_client.load(Ordering::Relaxed).min(kept.swap(0, Ordering::Relaxed));
     }
 
     /// The error of a client that needs so many bytes on top, for which there was no room.
@@ -195,17 +202,18 @@ impl Charge {
     }
 
     fn change(&mut self, bytes: u64, is_asked: bool) -> Result<(), OverBudget> {
-        let OfClient { of: Budget(budget), used: of_client } = &*self.share.0;
+        let OfClient { of: Budget(budget), used: of_client, kept } = &*self.share.0;
         let mut used = lock(&budget.used);
+        let kept = kept.load(Ordering::Relaxed);
         let before = of_client.load(Ordering::Relaxed);
         let after = (before - self.bytes).saturating_add(bytes);
-        let limit_bytes = budget.most(&used, before);
+        let limit_bytes = budget.most(&used, before, kept);
         if is_asked && after > limit_bytes {
             return Err(OverBudget { needed_bytes: after, limit_bytes });
         }
         of_client.store(after, Ordering::Relaxed);
         let replace = |sum: &mut u64, from: u64, to: u64| *sum = (*sum - from).saturating_add(to);
-        replace(&mut used.common, budget.beyond(before), budget.beyond(after));
+        replace(&mut used.common, before.saturating_sub(kept), after.saturating_sub(kept));
         match self.memory {
             Memory::Own => replace(&mut used.own, self.bytes, bytes),
             Memory::Shared => replace(&mut used.shared, self.bytes, bytes),
@@ -246,6 +254,23 @@ mod tests {
         assert_eq!((clients[9].left(), budget.used()), (100, (3900, 4000)));
         drop(greedy);
         assert_eq!((clients[9].left(), budget.used()), (2000, (0, 4000)));
+    }
+
+    #[test]
+    fn nothing_is_kept_for_a_client_that_is_gone() {
+        let budget = Budget::new(4000, CLIENTS);
+        let (gone, next) = (budget.share(), budget.share());
+        let (large, small) = (take(&gone, 60).unwrap(), take(&gone, 20).unwrap());
+        gone.end();
+        gone.end();
+        assert_eq!(lock(&budget.0.used).common, 80);
+        drop(large);
+        assert_eq!(lock(&budget.0.used).common, 20);
+        let taken = take(&next, 150).unwrap();
+        assert_eq!(lock(&budget.0.used).common, 70);
+        drop((small, taken));
+        assert_eq!(lock(&budget.0.used).common, 0);
+        assert_eq!(budget.used().0, 0);
     }
 
     #[test]

@@ -189,6 +189,7 @@ impl Peer {
     /// Its process has ended, or closed the session.
     pub(super) fn leave(&self) {
         self.is_gone.store(true, Ordering::Release);
+        self.share.end();
     }
 
     /// Adds a further segment of the client's. Whether it may have one more.
