@@ -143,7 +143,11 @@ fn text(facts: &Facts, findings: &[Finding]) -> String {
             }
         };
     }
-    let (problems, warnings) = (count(findings, Level::Problem), count(findings, Level::Warning));
-    let _ = write!(text, "{problems} problems, {warnings} warnings");
+    let counted = |level: Level, name: &str| match count(findings, level) {
+        1 => format!("1 {name}"),
+        count => format!("{count} {name}s"),
+    };
+    let (problems, warnings) = (Level::Problem, Level::Warning);
+    let _ = write!(text, "{}, {}", counted(problems, "problem"), counted(warnings, "warning"));
     text
 }
