@@ -15,7 +15,7 @@ use pairmask_wire::InstanceName;
 use rustix::process::{Signal, getppid, set_parent_process_death_signal};
 use tempfile::TempDir;
 
-use crate::serve::{DaemonSettings, ServeError, ServeSettings, stop, supervise};
+use crate::serve::{DaemonSettings, ServeError, ServeSettings, stop, supervise, without_manager};
 
 /// A daemon that does not answer within this time counts as failed: starting takes 50 ms on an idle
 /// machine.
@@ -54,7 +54,9 @@ impl PrivateDaemon {
     /// nothing is left running.
     pub fn start(binary: &Path, settings: &DaemonSettings) -> Result<Self, SpawnError> {
         let dir = tempfile::Builder::new().prefix(DIR_PREFIX).tempdir().map_err(SpawnError::Dir)?;
-        let child = Command::new(binary)
+        let mut command = Command::new(binary);
+        without_manager(&mut command);
+        let child = command
             .args(["serve", "--private-to", &std::process::id().to_string()])
             .args(["--instance", InstanceName::default().as_str()])
             .args(settings.flags())

@@ -17,7 +17,7 @@ use crate::serve::fences::{Refusal, WithoutFences};
 use crate::serve::{DaemonSettings, ServeError, ServeSettings, supervise, work};
 use crate::spawn;
 
-/// Serve an instance until Ctrl-C or SIGTERM
+/// Serve an instance until Ctrl-C, SIGTERM or SIGHUP
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

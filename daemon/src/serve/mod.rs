@@ -7,11 +7,14 @@
 pub mod fences;
 mod heartbeat;
 mod probe;
+mod service_manager;
+mod signals;
 mod status_writer;
 mod supervisor;
 mod worker;
 mod worker_threads;
 
+pub(crate) use self::service_manager::without_manager;
 pub(crate) use self::supervisor::stop;
 pub use self::supervisor::{FILES_PER_CLIENT, OWN_FILES, supervise};
 pub use self::worker::work;

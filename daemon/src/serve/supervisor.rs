@@ -25,10 +25,11 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{
     Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, kill_process, pidfd_open, waitid,
 };
-use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::low_level::pipe;
 
 use super::probe::Probing;
+use super::service_manager::{ServiceManager, without_manager};
+use super::signals::stop_signals;
 use super::{ServeError, ServeSettings, fences};
 use crate::execute::gpu::GpuChoices;
 
@@ -55,7 +56,7 @@ pub const OWN_FILES: u64 = 128;
 /// transport needs for the answers' memory.
 pub const FILES_PER_CLIENT: u64 = 16;
 
-/// Serves an instance until SIGINT or SIGTERM. A worker that crashes is no error.
+/// Serves an instance until a signal asks it to stop. A worker that crashes is no error.
 pub fn supervise(settings: &ServeSettings) -> Result<(), ServeError> {
     check_file_limit(settings.daemon.limits.max_clients)?;
     let _lock = acquire(settings)?;
@@ -98,15 +99,17 @@ fn keep_working(settings: &ServeSettings) -> Result<(), ServeError> {
     let mut served_before = false;
     let mut dying = Vec::new();
     let mut probing = Probing::new(settings.daemon.probe_interval);
+    let mut manager = ServiceManager::from_env();
     loop {
         settings.dir.remove_record(&settings.instance);
         let mut worker = spawn_worker(settings, served_before)?;
-        let end = watch(&mut worker, &mut dying, settings, &signals, &mut probing)?;
+        let end = watch(&mut worker, &mut dying, settings, &signals, &mut probing, &mut manager)?;
         probing.end();
         served_before |= settings.dir.read_record(&settings.instance).is_some();
         settings.dir.remove_record(&settings.instance);
         match end {
             End::Asked => {
+                manager.stops();
                 stop(&mut worker, STOP_WITHIN)
                     .map_err(ServeError::system("stopping the worker"))?;
                 return Ok(());
@@ -157,7 +160,7 @@ enum Waited {
 impl StopSignals {
     fn install() -> std::io::Result<Self> {
         let (reported, teller) = UnixStream::pair()?;
-        for signal in [SIGINT, SIGTERM] {
+        for signal in stop_signals() {
             pipe::register(signal, teller.try_clone()?)?;
         }
         Ok(Self(reported))
@@ -187,7 +190,9 @@ impl StopSignals {
 fn spawn_worker(settings: &ServeSettings, restarted: bool) -> Result<Child, ServeError> {
     let binary =
         std::env::current_exe().map_err(ServeError::system("finding the daemon's binary"))?;
-    Command::new(binary)
+    let mut command = Command::new(binary);
+    without_manager(&mut command);
+    command
         .args(["serve", "--worker", &std::process::id().to_string()])
         .args(["--instance", settings.instance.as_str()])
         .args(settings.daemon.flags())
@@ -219,6 +224,7 @@ fn watch(
     settings: &ServeSettings,
     signals: &StopSignals,
     probing: &mut Probing,
+    manager: &mut ServiceManager,
 ) -> Result<End, ServeError> {
     let failed = ServeError::system;
     let pid = i32::try_from(worker.id()).ok().and_then(Pid::from_raw);
@@ -263,6 +269,9 @@ fn watch(
         } else if let Some(fault) = probing.fault() {
             fault
         } else {
+            if start.is_none() {
+                manager.serves(beats, now);
+            }
             continue;
         };
         log::error!("the worker of '{}' {why}: it is killed", settings.instance);

@@ -19,10 +19,10 @@ use pairmask_transport::{
 };
 use pairmask_wire::{SkipTotals, StatusBody, Version};
 use rustix::process::Signal;
-use signal_hook::consts::{SIGINT, SIGTERM};
 
 use super::fences;
 use super::heartbeat::Beating;
+use super::signals::stop_signals;
 use super::status_writer::StatusWriter;
 use super::worker_threads::WorkerThreads;
 use super::{ServeError, ServeSettings};
@@ -34,11 +34,11 @@ use crate::locked;
 use crate::requests::{EndWithPanic, Responder};
 use crate::scene::{Scene, SceneName};
 
-/// Serves an instance until SIGINT or SIGTERM, or until its parent, `supervisor`, ends.
+/// Serves an instance until a signal asks it to stop, or until its parent, `supervisor`, ends.
 pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError> {
     quiet_transport_log();
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
+    for signal in stop_signals() {
         signal_hook::flag::register(signal, Arc::clone(&stop))
             .map_err(ServeError::system("installing signal handlers"))?;
     }

@@ -3,20 +3,57 @@
 use std::process::{Child, Stdio};
 
 use pairmask_transport::RuntimeDir;
-use rustix::process::Signal;
+use pairmask_wire::InstanceName;
+use rustix::process::{Pid, Signal, kill_process};
 
 use crate::support::{PAIRMASKD, Sandbox, Serving, eventually, finish};
 
 #[test]
 fn signals_stop_it_cleanly() {
-    for signal in [Signal::TERM, Signal::INT] {
+    for signal in [Signal::TERM, Signal::INT, Signal::HUP] {
         let sandbox = Sandbox::new();
         let finished = Serving::start(&sandbox, "", "default").stop(signal);
         assert_eq!(finished.code, Some(0), "{finished:?}");
         assert!(finished.stderr.contains("serving 'default'"), "{finished:?}");
-        assert!(RuntimeDir::at(sandbox.path()).instances().is_empty());
+        assert_leaves_nothing(&sandbox);
         eventually("processes end", || sandbox.processes().is_empty().then_some(()));
     }
+}
+
+/// No socket, no record, no name in /dev/shm. The lock of an instance stays.
+fn assert_leaves_nothing(sandbox: &Sandbox) {
+    let dir = RuntimeDir::at(sandbox.path());
+    assert!(dir.instances().is_empty());
+    let prefix = dir.shm_prefix(&InstanceName::default());
+    for (folder, beginning) in [(sandbox.path(), "default."), ("/dev/shm".as_ref(), &prefix)] {
+        let entries = std::fs::read_dir(folder).unwrap().flatten();
+        let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
+        let left: Vec<_> = names.filter(|name| name.starts_with(beginning)).collect();
+        assert!(left.iter().all(|name| name == "default.lock"), "{left:?}");
+    }
+}
+
+/// A terminal that is closed sends it to both processes. `nohup` has them ignore it.
+#[test]
+fn the_end_of_its_terminal_stops_it_but_with_nohup() {
+    let sandbox = Sandbox::new();
+    let serving = Serving::start(&sandbox, "", "default");
+    let _session = serving.session();
+    kill_process(Pid::from_raw(serving.record().worker_pid.cast_signed()).unwrap(), Signal::HUP)
+        .unwrap();
+    let finished = serving.stop(Signal::HUP);
+    assert_eq!(finished.code, Some(0), "{finished:?}");
+    assert_leaves_nothing(&sandbox);
+
+    let child = limited(&sandbox, "trap '' HUP", "serve");
+    let serving = Serving::of(child, RuntimeDir::at(sandbox.path()), "default");
+    for process in [serving.id(), serving.record().worker_pid] {
+        let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap();
+        let ignored = status.lines().find(|line| line.starts_with("SigIgn:")).unwrap();
+        // SIGHUP is the first signal.
+        assert!(ignored.ends_with(['1', '3', '5', '7', '9', 'b', 'd', 'f']), "{ignored}");
+    }
+    assert_eq!(serving.stop(Signal::TERM).code, Some(0));
 }
 
 #[test]
