@@ -35,8 +35,12 @@ fn path_in(variable: &str) -> Option<PathBuf> {
     std::env::var_os(variable).filter(|value| !value.is_empty()).map(PathBuf::from)
 }
 
-/// Our folder below the one that a variable names, else below a folder of the user's home.
+/// Our folder below [`user_base`].
 fn user_folder(variable: &str, in_home: &str) -> Option<PathBuf> {
-    let base = path_in(variable).or_else(|| Some(path_in("HOME")?.join(in_home)))?;
-    Some(base.join("pairmask"))
+    Some(user_base(variable, in_home)?.join("pairmask"))
+}
+
+/// The folder that a variable names, else a folder of the user's home.
+fn user_base(variable: &str, in_home: &str) -> Option<PathBuf> {
+    path_in(variable).or_else(|| Some(path_in("HOME")?.join(in_home)))
 }

@@ -14,6 +14,7 @@ mod doctor;
 mod explain;
 mod gpus;
 mod group;
+mod install_service;
 pub mod machine;
 mod man;
 mod memory_size;
@@ -92,6 +93,7 @@ enum Command {
     Doctor(doctor::Doctor),
     Gpus(gpus::Gpus),
     Clean(clean::Clean),
+    InstallService(install_service::InstallService),
     Completions(completions::Completions),
     Man(man::Man),
 }
@@ -127,6 +129,7 @@ fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result {
         Command::Doctor(doctor) => doctor.run(common),
         Command::Gpus(gpus) => gpus.run(),
         Command::Clean(clean) => clean.run(common),
+        Command::InstallService(install) => install.run(common),
         Command::Completions(completions) => completions.run(),
         Command::Man(man) => man.run(),
     }

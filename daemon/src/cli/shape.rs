@@ -29,6 +29,7 @@ const PAIRMASKD: Shape = Shape {
         ("explain", ALL),
         ("gpus", ALL),
         ("clean", &["instance", "isa"]),
+        ("install-service", &["runtime_dir", "isa"]),
         ("completions", ALL),
         ("man", ALL),
         ("status", &["isa"]),

@@ -11,6 +11,7 @@ mod doctor;
 mod explain;
 mod generated;
 mod gpus;
+mod install_service;
 mod mistakes;
 mod serve;
 mod settings;
