@@ -7,7 +7,12 @@ MYPY = ["mypy", "--config-file", "pyproject.toml"]
 
 
 @pytest.mark.parametrize(
-    "module", [["mypy.stubtest", "pairmask"], *([*MYPY, folder] for folder in ("tests", "examples", "../c/benches"))]
+    "module",
+    [
+        ["mypy.stubtest", "--mypy-config-file", "pyproject.toml", "pairmask"],
+        [*MYPY, "-p", "pairmask.examples"],
+        *([*MYPY, folder] for folder in ("tests", "../c/benches")),
+    ],
 )
 def test_stubs_and_types(module: list[str]) -> None:
     run_python("-m", *module, folder=PACKAGE)

@@ -1,8 +1,8 @@
 """Streams a scene and its pairs into the Rerun viewer, or into an .rrd file.
 
-    pip install rerun-sdk
-    python examples/rerun_stream.py                    opens the viewer
-    python examples/rerun_stream.py --save scene.rrd   writes a file, which `rerun scene.rrd` shows
+    pip install 'pairmask[rerun]'
+    python -m pairmask.examples rerun_stream                    opens the viewer
+    python -m pairmask.examples rerun_stream --save scene.rrd   writes a file, which `rerun scene.rrd` shows
 
 Boxes drift in a persistent scene. Each step sends the boxes that moved, and gets the pairs that began and ended.
 Boxes in touch are shown in another colour, with a line from centre to centre.

@@ -1,7 +1,7 @@
 """A batch of reinforcement learning: 4,096 worlds of 32 boxes, one frame a step.
 
-    python examples/worlds_batch.py
-    python examples/worlds_batch.py --worlds 256 --steps 10
+    python -m pairmask.examples worlds_batch
+    python -m pairmask.examples worlds_batch --worlds 256 --steps 10
 
 Each world is an episode of its own: 31 balls that bounce in a box, and an agent that has to touch none of them.
 All worlds are one frame. Their boxes stand in one array, world after world, and rules keep the worlds apart, so

@@ -1,0 +1,1 @@
+"""Example programs: `python -m pairmask.examples` lists them."""
