@@ -4,9 +4,10 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::output::{print_json, print_text, spinner};
+use super::object_files::BoxFile;
+use super::output::{print_json, print_text};
 use super::program::Result;
-use super::raw_objects::RawBoxes;
+use super::progress::spinner;
 use super::whole_number::whole_number;
 use crate::explain::{SentBoxes, explain};
 use crate::precision::PrecisionChoice;
@@ -43,7 +44,7 @@ pub struct Explain {
 impl Explain {
     pub fn run(&self) -> Result {
         let progress = spinner("reading and explaining");
-        let boxes = RawBoxes::open(&self.boxes)?.read()?;
+        let boxes = BoxFile::open(&self.boxes)?.read()?;
         let sent = SentBoxes::of(self.precision, &boxes);
         let why = explain(&boxes, &sent, self.i, self.j)
             .map_err(|error| format!("{}: {error}", self.boxes.display()))?;

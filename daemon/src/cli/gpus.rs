@@ -6,8 +6,9 @@ use clap::Args;
 use serde_json::{Value, json};
 use wgpu::{AdapterInfo, DeviceType};
 
-use super::output::{print_json, print_text, size_text, spinner};
+use super::output::{print_json, print_text, size_text};
 use super::program::Result;
+use super::progress::spinner;
 use crate::execute::gpu::{GpuChoice, ListedGpu, choose, list_gpus};
 
 /// Show the GPUs that --gpu can name

@@ -1,11 +1,9 @@
-//! Output of results, logs and progress.
+//! Output of results and logs.
 
 use std::fs::File;
 use std::io::{self, BufWriter, IsTerminal, Write};
 use std::path::Path;
-use std::time::Duration;
 
-use indicatif::{ProgressBar, ProgressFinish, ProgressStyle};
 use serde::Serialize;
 
 use super::program;
@@ -73,6 +71,19 @@ pub fn is_stdout(path: &Path) -> bool {
     path == Path::new("-")
 }
 
+/// Bytes would go to a terminal, which takes some of them for commands.
+#[derive(Debug, thiserror::Error)]
+#[error("stdout is a terminal, and the result is binary: {cure}")]
+pub struct BinaryToTerminal {
+    cure: &'static str,
+}
+
+/// Checks that binary output for `path` does not go to a terminal, before any work is done for it.
+pub fn check_binary(path: &Path, cure: &'static str) -> Result<(), BinaryToTerminal> {
+    let is_terminal = is_stdout(path) && std::io::stdout().is_terminal();
+    if is_terminal { Err(BinaryToTerminal { cure }) } else { Ok(()) }
+}
+
 pub fn time_text(ns: u64) -> String {
     match ns {
         0..1_000 => format!("{ns} ns"),
@@ -96,32 +107,6 @@ pub fn size_text(bytes: u64) -> String {
 
 pub fn is_watched() -> bool {
     std::io::stderr().is_terminal()
-}
-
-/// A progress bar over `len` steps on stderr if it is a terminal, else nothing.
-pub fn progress_bar(len: u64, what: &str) -> ProgressBar {
-    let style = ProgressStyle::with_template("{msg} {wide_bar} {percent} % {eta}")
-        .unwrap_or_else(|_| ProgressStyle::default_bar());
-    if is_watched() {
-        shown(ProgressBar::new(len).with_style(style), what)
-    } else {
-        ProgressBar::hidden()
-    }
-}
-
-/// A line on stderr that shows work under way if it is a terminal, else nothing.
-pub fn spinner(what: &str) -> ProgressBar {
-    if !is_watched() {
-        return ProgressBar::hidden();
-    }
-    let spinner = shown(ProgressBar::new_spinner(), what);
-    spinner.enable_steady_tick(Duration::from_millis(100));
-    spinner
-}
-
-/// Cleared at its end, also by an early return with an error.
-fn shown(bar: ProgressBar, what: &str) -> ProgressBar {
-    bar.with_message(what.to_owned()).with_finish(ProgressFinish::AndClear)
 }
 
 #[cfg(test)]

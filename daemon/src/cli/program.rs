@@ -7,7 +7,7 @@ use std::process::ExitCode;
 
 use clap::{Command, FromArgMatches};
 
-use super::output::{OutputError, print_aside};
+use super::output::{BinaryToTerminal, OutputError, print_aside};
 use super::usage;
 use crate::serve::ServeError;
 use crate::spawn::SpawnError;
@@ -50,7 +50,8 @@ pub fn run<C: FromArgMatches>(command: &Command, run: impl FnOnce(&C) -> Result)
                 let name = command.get_name();
                 print_aside(&format!("{name}: {}", on_one_line(&error.to_string())));
             }
-            ExitCode::from(if error.is::<WrongUsage>() { USAGE } else { FAILED })
+            let is_usage = error.is::<WrongUsage>() || error.is::<BinaryToTerminal>();
+            ExitCode::from(if is_usage { USAGE } else { FAILED })
         }
     }
 }

@@ -7,7 +7,7 @@ use pairmask_tests::oracle::{self, Pair, Truth};
 use pairmask_tests::{spheres, stress_scenes};
 use serde_json::Value;
 
-use crate::support::{Sandbox, daemon, keys, names, words};
+use crate::support::{Sandbox, Terminal, daemon, keys, names, words};
 
 const FIELDS: &str = "shape boxes pairs invalid empty backend engine encoding mask_bytes precision \
                       box_form box_bytes gap_below stages_ns total_ns skipped warnings";
@@ -257,4 +257,87 @@ fn a_missing_daemon_says_what_to_do() {
     assert!(error.contains("pairmaskd serve") && error.contains(&searched), "{error}");
     let report = sandbox.run_line("cull boxes.f32 --backend auto --json");
     assert_eq!(report.json()["backend"], "in-process");
+}
+
+#[test]
+fn text_csv_and_numpys_files_are_read_and_written() {
+    let sandbox = Sandbox::new();
+    let run = |line: &str| assert_eq!(sandbox.run_line(line).code, Some(0), "{line}");
+    run("scene uniform 345 boxes.f32");
+    let cull = "--backend in-process --pairs";
+    run(&format!("cull boxes.f32 {cull} pairs.u32"));
+    let expected = pairs_of(&words(&sandbox.file("pairs.u32")));
+    assert!(expected.len() > 100);
+    for end in ["txt", "csv", "npy"] {
+        run(&format!("scene uniform 345 boxes.{end}"));
+        run(&format!("cull boxes.{end} {cull} pairs.{end} --precision exact"));
+        run(&format!("cull boxes.{end} {cull} again.u32"));
+        assert_eq!(pairs_of(&words(&sandbox.file("again.u32"))), expected, "{end}");
+    }
+    let text = |name: &str| std::fs::read_to_string(sandbox.file(name)).unwrap();
+    let rows = |separator: &str| {
+        let row = |[a, b]: &Pair| format!("{a}{separator}{b}\n");
+        expected.iter().map(row).collect::<String>()
+    };
+    assert_eq!(text("pairs.txt"), rows(" "));
+    assert_eq!(text("pairs.csv"), format!("a,b\n{}", rows(",")));
+    let array = std::fs::read(sandbox.file("pairs.npy")).unwrap();
+    let numbers = array.len() - 8 * expected.len();
+    assert_eq!(array[numbers..], *bytemuck::cast_slice::<_, u8>(&expected));
+    let shape = format!("'shape': ({}, 2)", expected.len());
+    assert!(String::from_utf8_lossy(&array[..numbers]).contains(&shape));
+
+    // From a pipe to a pipe, by a flag.
+    let boxes = std::fs::read(sandbox.file("boxes.csv")).unwrap();
+    let line = "cull - --input-format csv --pairs - --pairs-format text --backend in-process";
+    let piped = sandbox.run_with_input(&line.split(' ').collect::<Vec<_>>(), &boxes);
+    assert_eq!((piped.code, piped.stdout), (Some(0), rows(" ")), "{}", piped.stderr);
+    let report = sandbox.run_line("explain boxes.npy 0 1 --json").json();
+    assert_eq!(report["boxes"], 345);
+}
+
+#[test]
+fn a_mistake_in_a_file_is_named_with_its_place() {
+    let sandbox = Sandbox::new();
+    std::fs::write(sandbox.file("boxes.csv"), "0,0,0,1,1,1\n0,0,0,1,1,one\n").unwrap();
+    let finished = sandbox.run_line("cull boxes.csv --backend in-process");
+    let expected = "boxes.csv: line 2, column 6: 'one' is no number";
+    assert!(finished.error(1).ends_with(expected), "{finished:?}");
+    for (line, expected) in [
+        ("cull /dev/zero --input-format text", "line 1: it is longer than 4096 bytes"),
+        ("cull /dev/zero --input-format npy", "it is no .npy file"),
+        ("cull /dev/zero", "it is a device without an end"),
+        ("cull boxes.csv --shape spheres", "line 1: there are 6 columns, where 4 make one"),
+    ] {
+        let finished = sandbox.run_line(&format!("{line} --backend in-process"));
+        assert!(finished.error(1).contains(expected), "{line}: {finished:?}");
+    }
+    let finished = sandbox.run_line("cull boxes.csv --pairs-format csv");
+    assert!(finished.error(2).contains("--pairs"), "{finished:?}");
+}
+
+#[test]
+fn binary_results_do_not_go_to_a_terminal() {
+    let sandbox = Sandbox::new();
+    assert_eq!(sandbox.run_line("scene uniform 100 boxes.f32").code, Some(0));
+    let cull = "cull boxes.f32 --backend in-process";
+    for (line, cure) in [
+        (format!("{cull} --pairs -"), "add --pairs-format text, or name a file or a pipe"),
+        (format!("{cull} --pairs - --pairs-format npy"), "add --pairs-format text"),
+        (format!("{cull} --mask -"), "name a file or a pipe"),
+        ("scene uniform 100 -".to_owned(), "name a file or a pipe"),
+    ] {
+        let terminal = Terminal::new();
+        let (code, stderr) = terminal.run(sandbox.line(&line), |_| ());
+        let expected = format!("pairmaskd: stdout is a terminal, and the result is binary: {cure}");
+        assert!(code == Some(2) && stderr.starts_with(&expected), "{line}: {code:?} {stderr}");
+        assert_eq!(terminal.close(), "", "{line}");
+    }
+    let terminal = Terminal::new();
+    let line = format!("{cull} --pairs - --pairs-format text");
+    assert_eq!(terminal.run(sandbox.line(&line), |_| ()).0, Some(0));
+    let printed = terminal.close();
+    let is_pair =
+        |line: &str| line.split(' ').filter(|word| word.parse::<u32>().is_ok()).count() == 2;
+    assert!(printed.lines().count() > 10 && printed.lines().all(is_pair), "{printed}");
 }

@@ -69,6 +69,8 @@ fn a_wrong_command_line_is_reported_in_one_line() {
         ("serve --max-clients 70000", "must be at most 65535"),
         ("serve --audit 1/0", "1/1000"),
         ("demo --boxes 0", "must be at least 1"),
+        ("demo --boxes 20001", "--boxes must be at most 20000"),
+        ("cull x --input-format png", "choose one of raw, text, csv, npy"),
     ] {
         check(&sandbox.run_line(line), 2, expected, &line);
     }

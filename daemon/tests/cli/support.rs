@@ -1,8 +1,12 @@
 //! `pairmaskd`, as the tests run it.
 
 use std::fs::File;
+use std::io::{Read, Write};
+use std::os::fd::OwnedFd;
 use std::path::Path;
-use std::process::Child;
+use std::process::{Child, Command, Stdio};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
 
 use pairmask_tests::command_line::{self, Program};
 use pairmask_transport::{DaemonRecord, RuntimeDir};
@@ -11,6 +15,8 @@ use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::serve::DaemonSettings;
 use pairmaskd::spawn::PrivateDaemon;
 use rustix::process::{Pid, Signal, kill_process};
+use rustix::pty::{OpenptFlags, grantpt, ioctl_tiocgptpeer, openpt, unlockpt};
+use rustix::termios::{Termios, Winsize, tcgetattr, tcsetwinsize};
 
 pub use pairmask_tests::command_line::{Finished, eventually, keys, names};
 pub use pairmask_tests::daemon::stop;
@@ -98,4 +104,69 @@ pub fn words(path: &Path) -> Vec<u32> {
     let bytes = std::fs::read(path).unwrap();
     assert!(bytes.len().is_multiple_of(4), "{} bytes", bytes.len());
     bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
+}
+
+/// A terminal of 80 columns and 24 rows, with what was printed on it.
+pub struct Terminal {
+    keyboard: File,
+    side: OwnedFd,
+    printed: Arc<Mutex<Vec<u8>>>,
+    reader: JoinHandle<()>,
+}
+
+impl Terminal {
+    pub fn new() -> Self {
+        let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY;
+        let keyboard = openpt(flags).unwrap();
+        grantpt(&keyboard).unwrap();
+        unlockpt(&keyboard).unwrap();
+        let side = ioctl_tiocgptpeer(&keyboard, flags).unwrap();
+        tcsetwinsize(&side, Winsize { ws_row: 24, ws_col: 80, ws_xpixel: 0, ws_ypixel: 0 })
+            .unwrap();
+        let keyboard = File::from(keyboard);
+        let (mut screen, printed) = (keyboard.try_clone().unwrap(), Arc::default());
+        let kept: Arc<Mutex<Vec<u8>>> = Arc::clone(&printed);
+        // It ends with an error when nobody has the other side any more.
+        let reader = std::thread::spawn(move || {
+            let mut bytes = [0; 4096];
+            while let Ok(count @ 1..) = screen.read(&mut bytes) {
+                kept.lock().unwrap().extend_from_slice(&bytes[..count]);
+            }
+        });
+        Self { keyboard, side, printed, reader }
+    }
+
+    /// Runs a command whose stdin and stdout this is, and something with its process. Returns its exit status and stderr.
+    pub fn run(&self, mut command: Command, meanwhile: impl FnOnce(u32)) -> (Option<i32>, String) {
+        command.stdin(self.side.try_clone().unwrap()).stdout(self.side.try_clone().unwrap());
+        let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
+        // It has the terminal open too.
+        drop(command);
+        meanwhile(child.id());
+        let status = eventually("the program ends", || child.try_wait().unwrap());
+        let mut stderr = String::new();
+        child.stderr.take().unwrap().read_to_string(&mut stderr).unwrap();
+        (status.code(), stderr)
+    }
+
+    pub fn press(&self, keys: &[u8]) {
+        (&self.keyboard).write_all(keys).unwrap();
+    }
+
+    pub fn printed(&self) -> String {
+        String::from_utf8_lossy(&self.printed.lock().unwrap()).into_owned()
+    }
+
+    pub fn modes(&self) -> Termios {
+        tcgetattr(&self.side).unwrap()
+    }
+
+    /// All that was printed. The processes that had the terminal have ended.
+    pub fn close(self) -> String {
+        let Self { keyboard: _keyboard, side, printed, reader } = self;
+        drop(side);
+        reader.join().unwrap();
+        let printed = printed.lock().unwrap();
+        String::from_utf8_lossy(&printed).into_owned()
+    }
 }

@@ -28,6 +28,7 @@ use pairmask_wire::{
     response_joined, response_leased, response_ok, response_scene, response_status, write_scene,
     write_world_ranges,
 };
+use pairmaskd::cli::object_files::{FileObject, Format, write_objects};
 
 /// Where a status file says when it was written.
 const WRITTEN_AT: Range<usize> = 8..16;
@@ -315,6 +316,12 @@ fn files() -> Vec<Seed> {
         of(3, "wrong-config", b"threads = '2'\nengin = 3\n"),
         of(5, "boxes", bytemuck::cast_slice(&boxes(2))),
         of(6, "spheres", bytemuck::bytes_of(&Sphere::new([1.0; 3], 2.0))),
+        of(8, "text", b"# boxes\n0 0 0 1 1 1\n-1e9 0.5 -inf nan 2 3\n"),
+        of(9, "csv", b"min.x,min.y,min.z,max.x,max.y,max.z\n0,0,0,1,1,1\n"),
+        of(9, "wrong-csv", b"0,0,0,1,1,1\n0,0,o,1,1,1\n"),
+        of(10, "array", &array(&boxes(2))),
+        of(10, "array-of-f64", &doubled(&array(&boxes(1)))),
+        of(11, "array-of-spheres", &array(&[Sphere::new([1.0; 3], 2.0)])),
     ];
     for option in ["auto", "cpu-grid", "list", "1/100", "off", "0,2", "q16", "avx2", "daemon", "18"]
     {
@@ -325,6 +332,20 @@ fn files() -> Vec<Seed> {
         ));
     }
     seeds
+}
+
+/// A file of numpy.
+fn array<T: FileObject>(objects: &[T]) -> Vec<u8> {
+    let mut file = Vec::new();
+    write_objects(&mut file, Format::Npy, objects).expect("memory");
+    file
+}
+
+/// An array of one box as f64: its header says so, and there are twice as many bytes.
+fn doubled(array: &[u8]) -> Vec<u8> {
+    let (header, numbers) = array.split_at(array.len() - size_of::<Aabb>());
+    let header = String::from_utf8_lossy(&header[8..]).replace("<f4", "<f8");
+    [&array[..8], header.as_bytes(), &[0; size_of::<Aabb>()], numbers].concat()
 }
 
 /// Inputs of short numbers, whose meaning is their targets'.

@@ -11,7 +11,7 @@ use pairmask_transport::{DaemonRecord, StatusFile};
 use pairmask_wire::{InstanceName, SceneName};
 use pairmaskd::audit::AuditRate;
 use pairmaskd::cli::config::Config;
-use pairmaskd::cli::raw_objects::{RawObject, RawObjects};
+use pairmaskd::cli::object_files::{FileObject, Format, ObjectFile, write_objects};
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::execute::gpu::GpuChoices;
 use pairmaskd::precision::PrecisionChoice;
@@ -22,7 +22,7 @@ use crate::scene_file;
 pub fn decode(data: &[u8]) {
     let Some((kind, rest)) = data.split_first() else { return };
     let text = String::from_utf8_lossy(rest);
-    match kind % 8 {
+    match kind % 12 {
         0 => {
             let Some(record) = DaemonRecord::parse(&text) else { return };
             assert_eq!(DaemonRecord::parse(&record.to_string()), Some(record));
@@ -42,7 +42,11 @@ pub fn decode(data: &[u8]) {
         4 => options(&text),
         5 => objects::<Aabb>(rest),
         6 => objects::<Sphere>(rest),
-        _ => scene_file::decode(rest),
+        7 => scene_file::decode(rest),
+        8 => converted::<Aabb>(rest, Format::Text),
+        9 => converted::<Aabb>(rest, Format::Csv),
+        10 => converted::<Aabb>(rest, Format::Npy),
+        _ => converted::<Sphere>(rest, Format::Npy),
     }
 }
 
@@ -69,14 +73,42 @@ fn options(text: &str) {
     }
 }
 
-fn objects<T: RawObject>(bytes: &[u8]) {
-    let mut file = tempfile::NamedTempFile::new().expect("a file");
-    file.write_all(bytes).expect("some bytes");
-    match RawObjects::<T>::open(file.path()) {
+fn objects<T: FileObject>(bytes: &[u8]) {
+    let file = file_of(bytes);
+    match ObjectFile::<T>::open_as(file.path(), Format::Raw) {
         Ok(objects) => {
             let read = objects.read().expect("what is there");
             assert_eq!(bytemuck::cast_slice::<T, u8>(&read), bytes);
         }
         Err(error) => assert!(!bytes.len().is_multiple_of(size_of::<T>()), "{error:?}"),
     }
+}
+
+/// What was read is written, and read again from that: the same numbers.
+fn converted<T: FileObject>(bytes: &[u8], format: Format) {
+    let open = |bytes: &[u8]| ObjectFile::<T>::open_as(file_of(bytes).path(), format);
+    match open(bytes) {
+        Ok(objects) => {
+            let read = objects.read().expect("what is there");
+            assert!(read.len() <= bytes.len());
+            let mut written = Vec::new();
+            write_objects(&mut written, format, &read).expect("memory");
+            let again = open(&written).expect("what was written").read().expect("what is there");
+            let numbers = |objects: &[T]| {
+                let numbers: &[f32] = bytemuck::cast_slice(objects);
+                // Text keeps that a number is NaN, and not which one.
+                Vec::from_iter(
+                    numbers.iter().map(|x| if x.is_nan() { u32::MAX } else { x.to_bits() }),
+                )
+            };
+            assert_eq!(numbers(&again), numbers(&read));
+        }
+        Err(error) => assert!(!error.to_string().contains('\n'), "more than a line: {error}"),
+    }
+}
+
+fn file_of(bytes: &[u8]) -> tempfile::NamedTempFile {
+    let mut file = tempfile::NamedTempFile::new().expect("a file");
+    file.write_all(bytes).expect("some bytes");
+    file
 }

@@ -21,10 +21,11 @@ use serde::{Deserialize, Serialize};
 use self::report::LatencyReport;
 use super::daemon_cpu::{DaemonCpu, own_cpu};
 use super::machine::Machine;
+use super::object_files::BoxFile;
 use super::options::{CommonOptions, CullFlags, DaemonOptions};
-use super::output::{print_json, print_text, progress_bar, spinner};
+use super::output::{print_json, print_text};
 use super::program::{Result, WrongUsage};
-use super::raw_objects::RawBoxes;
+use super::progress::{progress_bar, spinner};
 use super::scene_look;
 use super::target::Target;
 use super::whole_number::whole_number;
@@ -183,7 +184,7 @@ impl Latency {
 
     fn scenes(&self) -> Result<Vec<Scene>> {
         if let Some(path) = &self.frames_of.scene {
-            let boxes = RawBoxes::open(path)?.read()?;
+            let boxes = BoxFile::open(path)?.read()?;
             if let Some(warning) = scene_look::of_boxes(&boxes) {
                 log::warn!("{}: {warning}", path.display());
             }

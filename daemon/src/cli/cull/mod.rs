@@ -15,10 +15,13 @@ use pairmask_core::{Aabb, Bounds, MaskView, Sphere};
 use rayon::slice::ParallelSliceMut;
 
 use self::report::{Timings, explanation, plan, report};
+use super::object_files::{self, BoxFile, FileObject, Format, ObjectFile};
 use super::options::{CommonOptions, CullFlags, DaemonOptions};
-use super::output::{is_stdout, print_aside, print_json, print_text, spinner, write_file};
+use super::output::{
+    BinaryToTerminal, check_binary, is_stdout, print_aside, print_json, print_text, write_file,
+};
 use super::program::{Result, WrongUsage};
-use super::raw_objects::{RawBoxes, RawObject, RawObjects};
+use super::progress::spinner;
 use super::scene_look::Look;
 use super::target::DEADLINE;
 use crate::precision::PrecisionChoice;
@@ -27,9 +30,9 @@ use crate::spawn::PrivateDaemon;
 /// Find the overlapping pairs of a file of boxes or spheres
 #[derive(Debug, Args)]
 #[command(after_help = "\
-A file of boxes holds little-endian f32, min.x min.y min.z max.x max.y max.z, 24 bytes a box.
-A file of spheres holds x y z radius, 16 bytes a sphere.
-Pairs are written as two little-endian u32 each, the lower index first, in ascending order.
+A file of boxes holds min.x min.y min.z max.x max.y max.z of each, a file of spheres x y z radius: as
+little-endian f32 without anything between them, or as text, CSV or an array of numpy where its name ends
+with .txt, .csv or .npy. Pairs are written the same way, as u32, the lower index first, in ascending order.
 A dense mask is written as its u32 words; a sparse one as the order of its n boxes, then the rows
 of all its words, their blocks and their bits; a list as its pairs, in the order in which the
 engine found them.
@@ -39,6 +42,8 @@ Examples:
   pairmaskd cull boxes.f32 --spawn --pairs pairs.u32  by a daemon of its own
   generate | pairmaskd cull - --backend in-process --json
   pairmaskd cull boxes.f32 --pairs - | consume         pairs to stdout, the report to stderr
+  pairmaskd cull boxes.csv --pairs pairs.npy          from a table to numpy
+  generate | pairmaskd cull - --input-format text --pairs - --pairs-format text
   pairmaskd cull boxes.f32 --explain                  and say why this engine
   pairmaskd cull balls.f32 --shape spheres --json     pairs of bounding spheres")]
 pub struct Cull {
@@ -55,6 +60,9 @@ pub struct Cull {
     /// What the file holds. Spheres are always exact
     #[arg(long, value_enum, default_value_t)]
     shape: Shape,
+    /// How the file holds them [default: by the end of its name: .txt, .csv, .npy, else raw]
+    #[arg(long, value_enum, value_name = "FORMAT")]
+    input_format: Option<Format>,
     /// Precision of the boxes: exact, q16, q8, f16 or margin=X. No pair is missed; all
     /// but exact may report pairs that are near
     #[arg(long, value_name = "MODE", default_value_t)]
@@ -62,6 +70,9 @@ pub struct Cull {
     /// Write the pairs here, `-` for stdout; the report then goes to stderr
     #[arg(long, value_name = "OUT")]
     pairs: Option<PathBuf>,
+    /// How the pairs are written [default: by the end of the name: .txt, .csv, .npy, else raw]
+    #[arg(long, value_enum, value_name = "FORMAT", requires = "pairs")]
+    pairs_format: Option<Format>,
     /// Write the mask here, `-` for stdout; the report then goes to stderr
     #[arg(long, value_name = "OUT")]
     mask: Option<PathBuf>,
@@ -83,9 +94,12 @@ enum Shape {
 impl Cull {
     pub fn run(&self, common: &CommonOptions) -> Result {
         self.check().map_err(WrongUsage)?;
+        self.check_terminal()?;
+        let format = self.input_format.unwrap_or_else(|| Format::of(&self.file));
         match self.shape {
             Shape::Boxes => {
-                self.run_with(RawObjects::open(&self.file)?, common, |boxes, session| {
+                let boxes = ObjectFile::open_as(&self.file, format)?;
+                self.run_with(boxes, common, |boxes, session| {
                     let planner = self.explain.then(|| {
                         let (options, isa) = (self.options.cull_options(common), common.isa());
                         move |boxes: &[Aabb]| plan(boxes, &options, isa)
@@ -93,15 +107,29 @@ impl Cull {
                     ask_boxes(session, boxes, self.precision, planner)
                 })
             }
-            Shape::Spheres => self.run_with(RawObjects::open(&self.file)?, common, ask_spheres),
+            Shape::Spheres => {
+                self.run_with(ObjectFile::open_as(&self.file, format)?, common, ask_spheres)
+            }
         }
     }
 
-    fn run_with<T: RawObject>(
+    fn pairs_format(&self, path: &Path) -> Format {
+        self.pairs_format.unwrap_or_else(|| Format::of(path))
+    }
+
+    fn check_terminal(&self) -> Result<(), BinaryToTerminal> {
+        if let Some(path) = self.pairs.as_deref().filter(|path| self.pairs_format(path).is_binary())
+        {
+            check_binary(path, "add --pairs-format text, or name a file or a pipe")?;
+        }
+        self.mask.as_deref().map_or(Ok(()), |path| check_binary(path, "name a file or a pipe"))
+    }
+
+    fn run_with<T: FileObject>(
         &self,
-        objects: RawObjects<T>,
+        objects: ObjectFile<T>,
         common: &CommonOptions,
-        ask: impl FnOnce(RawObjects<T>, &mut Session) -> Result<Asked>,
+        ask: impl FnOnce(ObjectFile<T>, &mut Session) -> Result<Asked>,
     ) -> Result {
         let progress = spinner(&format!("{} {}", objects.count(), T::PLURAL));
         let spawn = || PrivateDaemon::start_self(&self.daemon.private(common));
@@ -115,7 +143,7 @@ impl Cull {
         let warnings = Vec::from_iter(look.warning(are_boxes, mask.n().get(), census));
         let report = report(&mask, self.precision, &world, &timings, explain, &warnings);
         if let Some(path) = &self.pairs {
-            write_pairs(path, &mask)?;
+            write_pairs(path, self.pairs_format(path), &mask)?;
         }
         if let Some(path) = &self.mask {
             write_mask(path, &mask)?;
@@ -187,7 +215,7 @@ struct Asked {
 
 fn ask_boxes(
     session: &mut Session,
-    boxes: RawBoxes,
+    boxes: BoxFile,
     precision: PrecisionChoice,
     planner: Option<impl FnOnce(&[Aabb]) -> Plan>,
 ) -> Result<Asked> {
@@ -213,7 +241,7 @@ fn ask_boxes(
     Ok(Asked { times, frame: narrow.submit()?, planned, look, world })
 }
 
-fn ask_spheres(spheres: RawObjects<Sphere>, session: &mut Session) -> Result<Asked> {
+fn ask_spheres(spheres: ObjectFile<Sphere>, session: &mut Session) -> Result<Asked> {
     let start = Instant::now();
     let mut frame = session.sphere_frame(spheres.count())?;
     spheres.read_into(frame.spheres_mut())?;
@@ -250,7 +278,7 @@ fn answer(
 }
 
 /// Writes the pairs, the lower index first, in ascending order; to stdout for `-`.
-pub fn write_pairs(path: &Path, mask: &PairMask) -> Result {
+fn write_pairs(path: &Path, format: Format, mask: &PairMask) -> Result {
     let mut pairs: Vec<[u32; 2]> = Vec::new();
     let room = usize::try_from(mask.count()).ok();
     if room.is_none_or(|room| pairs.try_reserve_exact(room).is_err()) {
@@ -262,14 +290,14 @@ pub fn write_pairs(path: &Path, mask: &PairMask) -> Result {
     if !pairs.is_sorted() {
         pairs.par_sort_unstable();
     }
-    write_file(path, |file| file.write_all(bytemuck::cast_slice(&pairs)))
+    write_file(path, |file| object_files::write_pairs(file, format, &pairs))
 }
 
 /// Writes the words of a dense mask; of a sparse one the order of the boxes, then the rows, the
 /// blocks and the bits of its words. The order comes first and is always written, so that the
 /// number of words follows from the file's length; of a list its pairs, in its own order. Of any
 /// other mask the sections, as they lie in the reply. To stdout for `-`.
-pub fn write_mask(path: &Path, mask: &PairMask) -> Result {
+fn write_mask(path: &Path, mask: &PairMask) -> Result {
     let view = mask.view();
     write_file(path, |file| match &view {
         MaskView::Dense(dense) => file.write_all(bytemuck::cast_slice(dense.as_words())),

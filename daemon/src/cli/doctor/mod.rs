@@ -22,8 +22,9 @@ use self::judge::{Check, Finding, Level, judge, seen};
 use self::read::{Serving, read};
 use super::memory_size::MemorySize;
 use super::options::{CommonOptions, DaemonOptions};
-use super::output::{is_stdout, print_json, print_text, spinner, write_file};
+use super::output::{is_stdout, print_json, print_text, write_file};
 use super::program::{Result, WrongUsage};
+use super::progress::spinner;
 use super::whole_number::whole_number;
 use crate::serve::DaemonSettings;
 

@@ -6,7 +6,7 @@ use clap::Args;
 use pairmask_core::dispatch::CullOptions;
 use pairmask_core::{BoxCount, EngineChoice};
 use pairmaskd::cli::options::{CommonOptions, CullFlags, DaemonOptions};
-use pairmaskd::cli::output::progress_bar;
+use pairmaskd::cli::progress::progress_bar;
 use pairmaskd::cli::target::Target;
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::execute::gpu::{GpuChoice, choose, list_adapters};

@@ -15,11 +15,11 @@ use pairmask_core::spinner::Spinner;
 use pairmaskd::cli::bench::{CpuUsed, Figures, FramesOf, LatencyRow, SEED, Wait};
 use pairmaskd::cli::daemon_cpu::DaemonCpu;
 use pairmaskd::cli::machine::Machine;
+use pairmaskd::cli::object_files::BoxFile;
 use pairmaskd::cli::options::CommonOptions;
-use pairmaskd::cli::output::spinner;
 use pairmaskd::cli::percentiles::Recorder;
 use pairmaskd::cli::program::WrongUsage;
-use pairmaskd::cli::raw_objects::RawBoxes;
+use pairmaskd::cli::progress::spinner;
 use pairmaskd::cli::target::{DEADLINE, Target};
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::precision::PrecisionChoice;
@@ -160,7 +160,7 @@ impl Study for Load {
             return Err(WrongUsage(format!("--mix has {clients} clients: {most}")).into());
         }
         let sizes = match &self.frames_of.scene {
-            Some(path) => vec![u32::try_from(RawBoxes::open(path)?.count()).unwrap_or(u32::MAX)],
+            Some(path) => vec![u32::try_from(BoxFile::open(path)?.count()).unwrap_or(u32::MAX)],
             None => self.frames_of.n.clone(),
         };
         // The clients that run together: a mix, or every number of clients of every size.
@@ -330,7 +330,7 @@ impl ClientSettings {
         let precision = self.precision.parse().unwrap_or(PrecisionChoice::Exact);
         let seed = SEED + u64::from(self.index);
         let mut scene = match &self.scene {
-            Some(path) => Scene::from_boxes(RawBoxes::open(path)?.read()?, seed),
+            Some(path) => Scene::from_boxes(BoxFile::open(path)?.read()?, seed),
             None => Scene::new(SceneName::Uniform, self.n as usize, seed),
         };
         let n = u32::try_from(scene.boxes().len()).unwrap_or(u32::MAX);

@@ -6,8 +6,8 @@ use std::time::Duration;
 use clap::Args;
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::cli::options::{CommonOptions, DaemonOptions};
-use pairmaskd::cli::output::{is_watched, print_aside, progress_bar};
 use pairmaskd::cli::program::WrongUsage;
+use pairmaskd::cli::progress::progress_bar;
 use pairmaskd::cli::whole_number::whole_number;
 
 use super::stress::ClientsDaemon;
@@ -30,8 +30,6 @@ const PAUSE: Duration = Duration::from_millis(50);
 const AUDITED_ONE_IN: NonZeroU32 = NonZeroU32::new(50).expect("not zero");
 /// Samples in the shortest run: two for each quarter.
 const LEAST_SAMPLES: u64 = 8;
-/// Without a terminal, one line for so many samples: one a minute by default.
-const LINE_EVERY: usize = 6;
 
 /// Keep a mixed load on a daemon, and see whether what it takes of the machine stays flat
 #[derive(Debug, Args)]
@@ -131,9 +129,6 @@ impl Soak {
             let sample = watch.sample(time, &probed);
             let line = format!("{} answers, {}", crowd.answers(), sample.line());
             bar.set_position(time.as_secs());
-            if !is_watched() && samples.len().is_multiple_of(LINE_EVERY) {
-                print_aside(&format!("{} s: {line}", time.as_secs()));
-            }
             bar.set_message(line);
             samples.push(sample);
             probe_report.add(probed);

@@ -5,7 +5,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 use pairmaskd::cli::options::{CommonOptions, DaemonOptions};
-use pairmaskd::cli::output::{make_folder, print_json, print_text, progress_bar, spinner};
+use pairmaskd::cli::output::{make_folder, print_json, print_text};
+use pairmaskd::cli::progress::{progress_bar, spinner};
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::execute::gpu::{Gpu, GpuChoice, HostImport, OpenError};
 use pairmaskd::scene::SceneName;
