@@ -53,6 +53,16 @@ impl PrivateDaemon {
     /// Waits until the `pairmaskd` at `binary` answers, with the GPUs that there are. After an error
     /// nothing is left running.
     pub fn start(binary: &Path, settings: &DaemonSettings) -> Result<Self, SpawnError> {
+        // Messages that it serves or stops say nothing new to its owner.
+        Self::start_logging(binary, settings, "warn")
+    }
+
+    /// As [`PrivateDaemon::start`], which logs at this level unless the user has named another.
+    fn start_logging(
+        binary: &Path,
+        settings: &DaemonSettings,
+        log: &str,
+    ) -> Result<Self, SpawnError> {
         let dir = tempfile::Builder::new().prefix(DIR_PREFIX).tempdir().map_err(SpawnError::Dir)?;
         let mut command = Command::new(binary);
         without_manager(&mut command);
@@ -62,8 +72,7 @@ impl PrivateDaemon {
             .args(settings.flags())
             .arg("--runtime-dir")
             .arg(dir.path())
-            // Messages that it serves or stops say nothing new to its owner.
-            .env("PAIRMASK_LOG", std::env::var_os("PAIRMASK_LOG").unwrap_or("warn".into()))
+            .env("PAIRMASK_LOG", std::env::var_os("PAIRMASK_LOG").unwrap_or(log.into()))
             // Only the owner gets a Ctrl-C: a daemon that stops first spoils the owner's last
             // frame.
             .process_group(0)
@@ -88,9 +97,17 @@ impl PrivateDaemon {
 
     /// Starts this process's own binary, which is the daemon's on the command line.
     pub(crate) fn start_self(settings: &DaemonSettings) -> Result<Self, SpawnError> {
-        let binary = std::env::current_exe()
-            .map_err(|source| SpawnError::Start { binary: "/proc/self/exe".into(), source })?;
-        Self::start(&binary, settings)
+        Self::start(&Self::own_binary()?, settings)
+    }
+
+    /// As [`PrivateDaemon::start_self`], for an owner that kills its worker on purpose: nothing is logged.
+    pub(crate) fn start_self_quietly(settings: &DaemonSettings) -> Result<Self, SpawnError> {
+        Self::start_logging(&Self::own_binary()?, settings, "off")
+    }
+
+    fn own_binary() -> Result<PathBuf, SpawnError> {
+        std::env::current_exe()
+            .map_err(|source| SpawnError::Start { binary: "/proc/self/exe".into(), source })
     }
 
     /// Tries something until it is done, as long as a daemon may take to start. Returns how the last try went.

@@ -1,98 +1,298 @@
 //! `demo`: a daemon process, this process as its client with falling boxes, and figures while they run.
+//!
+//! A recording for the viewer Rerun is an example of the Python package: the crate that writes one, `re_log_encoding`
+//! (0.36), would bring some 170 crates more.
+//!
+//! The world and what was measured are state ([`world`], [`figures`]); the picture and the texts are functions of both.
 
-mod display;
+mod drawing;
+mod figures;
+mod peers;
+mod picture;
+mod screen;
+mod world;
 
 use std::num::{NonZeroU32, NonZeroU64};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Args;
 use pairmask::{Backend, ServedBy, Session};
-use pairmask_core::Aabb;
 use pairmask_core::oracle::check::check_pairs;
-use pairmask_core::oracle::truth;
+use pairmask_core::oracle::{Pair, truth};
+use ratatui::buffer::Buffer;
+use ratatui::layout::Rect;
+use rustix::process::{Pid, Signal, kill_process};
 
-use self::display::Display;
+use self::figures::{Figures, Kill};
+use self::peers::{ParryTree, naive};
+use self::screen::Screen;
+use self::world::{STEP, World};
 use super::options::{CommonOptions, DaemonOptions};
-use super::program::Result;
+use super::output::{OutputError, print_aside, print_json, print_text, write_file};
+use super::program::{Result, WrongUsage};
 use super::whole_number::whole_number;
-use crate::scene::{Scene, SceneName};
 use crate::spawn::PrivateDaemon;
 
-/// Time between two checked frames. A check of all pairs of 10,000 boxes takes 0.1 s.
+/// Most boxes: a frame is compared with all pairs, one by one, which takes 0.4 s of 20,000.
+const MOST_BOXES: u32 = 20_000;
+/// Frames from one of parry3d's to the next. Its tree is brought up to date each time.
+const FRAMES_A_PARRY: u64 = 5;
+/// What is slow runs again after this many times what it took, so that the world does not halt.
+const PAUSES: u32 = 20;
+/// Time between two checked frames at least, and between two of the naive loop.
 const CHECK_INTERVAL: Duration = Duration::from_millis(500);
+/// Frames from one drawing to the next: terminals show no more.
+const FRAMES_A_DRAWING: u64 = 2;
+const LINE_INTERVAL: Duration = Duration::from_secs(1);
+/// Columns and rows of `--picture`.
+const PICTURE: Rect = Rect::new(0, 0, 104, 30);
+const SEED: u64 = 1;
 
-/// Run a daemon and a client with falling boxes for a while
+/// Show falling boxes, their pairs, and what a frame takes here and elsewhere
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Starts a daemon of its own, lets boxes fall, and asks the daemon for the overlapping pairs of every
-frame. Samples are checked against all pairs, compared one by one. No GPU is needed.
+Starts a daemon of its own, lets boxes fall on a platform, and asks the daemon for the overlapping pairs of
+every frame, which push the boxes apart. Beside that it measures a naive loop and parry3d's tree on the same
+boxes, each on one thread, and checks samples of the frames against all pairs, compared one by one. Halfway it
+kills the daemon's worker: this process answers until the next worker serves. No GPU is needed.
+
+It draws on a terminal (q ends it), and prints a line a second elsewhere, or where NO_COLOR is set.
 
 Examples:
   pairmaskd demo
   pairmaskd demo --seconds 3 --boxes 10000
+  pairmaskd demo --json
+  pairmaskd demo --picture demo.svg
+
+A recording for the viewer Rerun: `python -m pairmask.examples rerun_stream --save scene.rrd`.
 
 Exit status: 0 where every sample was right.")]
 pub struct Demo {
     /// How long
     #[arg(long, value_parser = whole_number::<NonZeroU64>, value_name = "N", default_value = "10")]
     seconds: NonZeroU64,
-    /// How many boxes
-    #[arg(long, value_parser = whole_number::<NonZeroU32>, value_name = "N", default_value = "2000")]
+    /// How many boxes, 20000 at most
+    #[arg(long, value_parser = whole_number::<NonZeroU32>, value_name = "N", default_value = "4000")]
     boxes: NonZeroU32,
+    /// Write the last picture here as SVG
+    #[arg(long, value_name = "FILE")]
+    picture: Option<PathBuf>,
+    /// Print one JSON object; the lines of progress go to stderr
+    #[arg(long)]
+    json: bool,
     #[command(flatten)]
     daemon: DaemonOptions,
 }
 
 impl Demo {
     pub fn run(&self, common: &CommonOptions) -> Result {
-        // By Ctrl-C and SIGTERM it ends early, with its summary.
+        if self.boxes.get() > MOST_BOXES {
+            let what = format!(
+                "--boxes must be at most {MOST_BOXES}, since all pairs are compared with each other too: \
+                 `bench latency` measures more"
+            );
+            return Err(WrongUsage(what).into());
+        }
+        // By SIGINT and SIGTERM it ends early, with its summary.
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
             signal_hook::flag::register(signal, Arc::clone(&stop))
                 .map_err(|error| format!("installing signal handlers: {error}"))?;
         }
-        let daemon = PrivateDaemon::start_self(&self.daemon.private(common))?;
-        // It falls back to this process if the daemon is killed.
-        let mut session = daemon.session().backend(Backend::Auto).connect()?;
-        let mut scene = Scene::new(SceneName::Cubes, self.boxes.get() as usize, 1);
-        let (mut display, mut check_at) = (Display::new(), Instant::now());
-        let duration = Duration::from_secs(self.seconds.get());
-        while display.elapsed() < duration && !stop.load(Ordering::Relaxed) {
-            scene.step();
-            let is_checked = Instant::now() >= check_at;
-            run_frame(&mut session, scene.boxes(), &mut display, is_checked)?;
-            if is_checked {
-                check_at = Instant::now() + CHECK_INTERVAL;
+        // Its messages about the worker that is killed would go across the picture.
+        let daemon = PrivateDaemon::start_self_quietly(&self.daemon.private(common))?;
+        let mut show = Show::new(self, &daemon)?;
+        // The screen ends before anything else is printed.
+        let mut display = Display::open(self.json)?;
+        while show.figures.elapsed < show.figures.length && !stop.load(Ordering::Relaxed) {
+            show.frame(&daemon)?;
+            if display.update(&show)? {
+                break;
             }
-            display.update()?;
         }
-        Ok(display.end()?)
+        drop(display);
+        self.end(&show)
+    }
+
+    fn end(&self, show: &Show) -> Result {
+        if let Some(path) = &self.picture {
+            let svg = picture_of(&show.world, &show.figures);
+            write_file(path, |file| file.write_all(svg.as_bytes()))?;
+        }
+        if self.json {
+            return Ok(print_json(&show.figures.json())?);
+        }
+        print_text(&format!("{}\n\n{}", show.figures, next_steps()))?;
+        Ok(())
     }
 }
 
-/// Finds the pairs of a frame. One that is checked and wrong is an error.
-fn run_frame(
-    session: &mut Session,
-    boxes: &[Aabb],
-    display: &mut Display,
-    is_checked: bool,
-) -> Result {
-    let mut frame = session.frame(boxes.len())?;
-    frame.boxes_mut().copy_from_slice(boxes);
-    let submitted = Instant::now();
-    let mask = frame.submit()?.wait()?;
-    let (round_trip, info) = (submitted.elapsed(), mask.info());
-    let in_process = info.served_by == ServedBy::InProcess;
-    display.note_frame(mask.count(), round_trip, info.engine, in_process);
-    if is_checked {
-        let mut pairs = mask.to_vec();
-        pairs.sort_unstable();
-        check_pairs(&pairs, &truth(boxes).pairs).map_err(|bad| {
-            format!("frame {} is wrong: {bad}: please report this", display.frames())
-        })?;
-        display.note_check();
+/// What to do next, with this program as it was called.
+fn next_steps() -> String {
+    let program = std::env::args().next().unwrap_or_else(|| "pairmaskd".to_owned());
+    format!(
+        "next\n  \
+         {program} serve                   a daemon for your programs, until Ctrl-C\n  \
+         {program} bench latency           what a frame takes on this machine, by stage\n  \
+         {program} cull boxes.csv --pairs pairs.csv   the pairs of your own boxes"
+    )
+}
+
+fn picture_of(world: &World, figures: &Figures) -> String {
+    let mut buffer = Buffer::empty(PICTURE);
+    drawing::draw(&mut buffer, world, figures);
+    let label = format!(
+        "pairmaskd demo: {} boxes fall on a platform, those in a pair lit up; this machine: {}",
+        figures.boxes,
+        figures.medians().machine()
+    );
+    picture::svg(&buffer, &label)
+}
+
+/// The world, who finds its pairs, and what that took.
+struct Show {
+    world: World,
+    session: Session,
+    parry: ParryTree,
+    figures: Figures,
+    start: Instant,
+    naive_at: Instant,
+    check_at: Instant,
+    pairs: Vec<Pair>,
+    pairs_of_peer: Vec<Pair>,
+}
+
+impl Show {
+    fn new(demo: &Demo, daemon: &PrivateDaemon) -> Result<Self> {
+        let n = demo.boxes.get() as usize;
+        let world = World::new(n, SEED);
+        // It falls back to this process while the worker is killed. One thread, as the others have.
+        let session = daemon.session().backend(Backend::Auto).threads(1);
+        let now = Instant::now();
+        Ok(Self {
+            session: session.connect()?,
+            parry: ParryTree::new(world.boxes()),
+            figures: Figures::new(n, Duration::from_secs(demo.seconds.get())),
+            world,
+            start: now,
+            naive_at: now + CHECK_INTERVAL / 2,
+            check_at: now,
+            pairs: Vec::new(),
+            pairs_of_peer: Vec::new(),
+        })
     }
-    Ok(())
+
+    fn frame(&mut self, daemon: &PrivateDaemon) -> Result {
+        self.kill_halfway(daemon)?;
+        self.world.step();
+        self.find()?;
+        self.measure_peers();
+        if Instant::now() >= self.check_at {
+            let (took, checked) = timed(|| self.check());
+            checked?;
+            self.check_at = Instant::now() + CHECK_INTERVAL.max(took * PAUSES);
+        }
+        self.world.push_apart(&self.pairs);
+        self.figures.elapsed = self.start.elapsed();
+        Ok(())
+    }
+
+    fn find(&mut self) -> Result {
+        let boxes = self.world.boxes();
+        let begun = Instant::now();
+        let mut frame = self.session.frame(boxes.len())?;
+        frame.boxes_mut().copy_from_slice(boxes);
+        let mask = frame.submit()?.wait()?;
+        self.pairs.clear();
+        self.pairs.extend(mask.pairs());
+        let (took, info) = (begun.elapsed(), mask.info());
+        let in_process = info.served_by == ServedBy::InProcess;
+        self.figures.note_frame(mask.count(), took, info.engine, in_process);
+        Ok(())
+    }
+
+    fn measure_peers(&mut self) {
+        let (boxes, pairs) = (self.world.boxes(), &mut self.pairs_of_peer);
+        if self.figures.frames.is_multiple_of(FRAMES_A_PARRY) {
+            let (took, ()) = timed(|| self.parry.find(boxes, pairs));
+            self.figures.parry.record(took.as_nanos() as u64);
+        }
+        if Instant::now() >= self.naive_at {
+            let (took, ()) = timed(|| naive(boxes, pairs));
+            self.figures.naive.record(took.as_nanos() as u64);
+            self.naive_at = Instant::now() + CHECK_INTERVAL.max(took * PAUSES);
+        }
+    }
+
+    /// Compares the pairs of this frame with the truth.
+    fn check(&mut self) -> Result {
+        self.pairs.sort_unstable();
+        check_pairs(&self.pairs, &truth(self.world.boxes()).pairs).map_err(|bad| {
+            format!("frame {} is wrong: {bad}: please report this", self.figures.frames)
+        })?;
+        self.figures.checked += 1;
+        Ok(())
+    }
+
+    fn kill_halfway(&mut self, daemon: &PrivateDaemon) -> Result {
+        let at = self.start.elapsed();
+        if self.figures.kill != Kill::Ahead || at < self.figures.length / 2 {
+            return Ok(());
+        }
+        let record = daemon.record();
+        let worker =
+            record.and_then(|record| Pid::from_raw(i32::try_from(record.worker_pid).ok()?));
+        if let Some(worker) = worker {
+            kill_process(worker, Signal::KILL)
+                .map_err(|error| format!("killing the demo's own worker: {error}"))?;
+            self.figures.kill = Kill::Done { at };
+        }
+        Ok(())
+    }
+}
+
+fn timed<T>(work: impl FnOnce() -> T) -> (Duration, T) {
+    let begun = Instant::now();
+    let done = work();
+    (begun.elapsed(), done)
+}
+
+/// Where the demo is seen, and when its next frame begins.
+struct Display {
+    screen: Option<Screen>,
+    to_stderr: bool,
+    next_frame: Instant,
+    next_line: Instant,
+}
+
+impl Display {
+    fn open(json: bool) -> Result<Self> {
+        let draws = !json && screen::can_draw();
+        let screen = draws.then(Screen::open).transpose().map_err(OutputError::Io)?;
+        let now = Instant::now();
+        Ok(Self { screen, to_stderr: json, next_frame: now, next_line: now + LINE_INTERVAL })
+    }
+
+    /// Shows a frame and waits for the next one. Returns whether the user quits.
+    fn update(&mut self, show: &Show) -> Result<bool> {
+        // Frames that were missed are not caught up with.
+        self.next_frame = (self.next_frame + Duration::from_secs_f32(STEP)).max(Instant::now());
+        if let Some(screen) = &mut self.screen {
+            if show.figures.frames.is_multiple_of(FRAMES_A_DRAWING) {
+                screen.draw(&show.world, &show.figures).map_err(OutputError::Io)?;
+            }
+            return Ok(screen.wait(self.next_frame).map_err(OutputError::Io)?);
+        }
+        let now = Instant::now();
+        if now >= self.next_line {
+            self.next_line = now + LINE_INTERVAL;
+            let line = show.figures.line();
+            if self.to_stderr { print_aside(&line) } else { print_text(&line)? }
+        }
+        std::thread::sleep(self.next_frame.saturating_duration_since(Instant::now()));
+        Ok(false)
+    }
 }
