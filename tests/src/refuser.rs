@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use pairmask_core::units::BoxCount;
-use pairmask_transport::{Budget, DaemonRecord, Door, Limits, RuntimeDir};
+use pairmask_transport::{Budget, Counters, DaemonRecord, Door, Limits, RuntimeDir};
 use pairmask_wire::{
     InstanceName, ReplyFields, RequestHeader, ResponseHeader, Version, words_in_mut,
 };
@@ -31,7 +31,8 @@ fn serve(
     let (name, pid) = (InstanceName::default(), std::process::id());
     dir.ensure()?;
     let Limits { max_clients, max_memory_bytes, .. } = Limits::default();
-    let door = Door::open(dir, &name, max_clients, Budget::new(max_memory_bytes, max_clients))?;
+    let budget = Budget::new(max_memory_bytes, max_clients);
+    let door = Door::open(dir, &name, max_clients, budget, Counters::unseen(max_clients))?;
     let record = DaemonRecord { worker_pid: pid, supervisor_pid: pid, version, fences: 0 };
     dir.write_record(&name, &record)?;
     std::thread::scope(|scope| {

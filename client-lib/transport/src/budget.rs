@@ -148,6 +148,11 @@ impl Share {
         Charge { share: self.clone(), memory, bytes: 0 }
     }
 
+    /// Bytes that the client has taken.
+    pub fn used(&self) -> u64 {
+        self.0.used.load(Ordering::Relaxed)
+    }
+
     /// Bytes that the client may take on top.
     pub fn left(&self) -> u64 {
         let Inner { used, .. } = &*self.0.of.0;

@@ -14,6 +14,7 @@ use rustix::net::{SocketFlags, accept_with};
 use rustix::process::getppid;
 
 use crate::budget::Budget;
+use crate::counters::Counters;
 use crate::error::{OpenError, TransportError};
 use crate::instance::RuntimeDir;
 use crate::locked::lock;
@@ -56,6 +57,7 @@ pub struct Door {
     prefix: String,
     max_clients: usize,
     budget: Budget,
+    counters: Arc<Counters>,
     /// Whose members are let in, beside processes of this user.
     group: Option<u32>,
     /// The parent of this process, which tests it: it takes no client's place, and is not counted.
@@ -80,7 +82,7 @@ fn spare() -> Option<OwnedFd> {
 }
 
 impl Door {
-    /// Makes the socket of an instance, in place of a predecessor's. Clients draw from this budget.
+    /// Makes the socket of an instance, in place of a predecessor's. Clients draw from this budget, and are counted here.
     ///
     /// # Errors
     /// [`InstanceError`].
@@ -89,6 +91,7 @@ impl Door {
         name: &InstanceName,
         max_clients: usize,
         budget: Budget,
+        counters: Arc<Counters>,
     ) -> Result<Self, InstanceError> {
         let path = dir.socket_file(name);
         let listener = listen_at(&path, if dir.group().is_some() { 0o660 } else { 0o600 })?;
@@ -104,6 +107,7 @@ impl Door {
             prefix: dir.shm_prefix(name),
             max_clients,
             budget,
+            counters,
             group: dir.group(),
             supervisor: getppid().map_or(0, |pid| pid.as_raw_nonzero().get().unsigned_abs()),
             sockets,
@@ -129,6 +133,11 @@ impl Door {
     /// What clients may take.
     pub const fn budget(&self) -> &Budget {
         &self.budget
+    }
+
+    /// What clients take, counted.
+    pub const fn counters(&self) -> &Arc<Counters> {
+        &self.counters
     }
 
     /// Number of clients.
@@ -239,7 +248,12 @@ impl Door {
         *sessions += 1;
         let Ok(refused) = socket.try_clone() else { return refuse(&socket, Answer::NoMemory) };
         let share = self.budget.share();
-        match Peer::admit(socket, (*sessions, peer), (file, hello.board), (&self.prefix, share)) {
+        // The supervisor's frames are nobody's.
+        let is_test = self.is_supervisor(peer.process);
+        let counters = if is_test { Counters::unseen(0) } else { Arc::clone(&self.counters) };
+        let counts = counters.client(*sessions, peer.process, peer.user);
+        let memory = (self.prefix.as_str(), share, counts);
+        match Peer::admit(socket, (*sessions, peer), (file, hello.board), memory) {
             Ok(peer) if self.watch(&peer).is_ok() => {
                 lock(&self.peers).push(peer);
                 self.changes.fetch_add(1, Ordering::Release);

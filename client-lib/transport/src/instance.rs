@@ -3,7 +3,7 @@
 //!
 //! A runtime directory ([`RuntimeDir::from_env`]) holds for each instance a lock file, held by the
 //! supervisor for its life, a record that names the processes and the wire version, the worker's
-//! heartbeat ([`DaemonWatch`](crate::DaemonWatch)) and its status file. The kernel frees a lock however
+//! heartbeat ([`DaemonWatch`](crate::DaemonWatch)), its status file and its [counters](crate::Counters). The kernel frees a lock however
 //! its process ends. All of it has to be the user's own, or for a client a user's whom it trusts: both sides refuse
 //! files that another user could change, before they open any.
 
@@ -74,8 +74,17 @@ pub(super) const SHM_PREFIX: &str = "pairmask_";
 
 /// The files of an instance that is served, behind its name and a dot: those that have a name for good, and those that take
 /// their place in one step. Its lock stays when it ends.
-pub(super) const FILE_SUFFIXES: [&str; 7] =
-    ["daemon", "daemon.new", "heartbeat", "heartbeat.new", "account", "account.new", "socket"];
+pub(super) const FILE_SUFFIXES: [&str; 9] = [
+    "daemon",
+    "daemon.new",
+    "heartbeat",
+    "heartbeat.new",
+    "account",
+    "account.new",
+    "counters",
+    "counters.new",
+    "socket",
+];
 
 /// Bytes of a record that are read. A record is four short lines; a longer file is no record.
 pub(super) const RECORD_BYTES: u64 = 256;
@@ -237,7 +246,7 @@ impl RuntimeDir {
         replace_own(&new, &self.record_file(name), text.as_bytes(), self.group.is_some())
     }
 
-    /// Removes the record, the heartbeat, the status file and the socket of an instance that stops.
+    /// Removes the record, the heartbeat, the status file, the counters and the socket of an instance that stops.
     pub fn remove_record(&self, name: &InstanceName) {
         // Files that cannot be removed do no harm: readers find that the lock is free. The record goes
         // first: one without a heartbeat is that of an earlier version.
@@ -245,6 +254,7 @@ impl RuntimeDir {
             self.record_file(name),
             self.heartbeat_file(name),
             self.status_file(name),
+            self.file(name, ".counters"),
             self.socket_file(name),
         ] {
             let _ = fs::remove_file(file);

@@ -10,6 +10,7 @@
 //! pool, segment, guard, memory, room, fork                       own memory, the other's, what may be missing
 //! board, handshake                                               what was sent, and let go of
 //! budget                                                         memory that a daemon may take, by client
+//! counters                                                       what each client took, for who looks at the daemon
 //! peer                                                           a client as its daemon has it
 //! link, waiting, sent, receiving, exchange, vigil                a daemon as its client has it
 //! ```
@@ -17,6 +18,7 @@
 mod board;
 mod budget;
 mod cleanup;
+mod counters;
 mod door;
 mod error;
 mod exchange;
@@ -49,6 +51,10 @@ use std::sync::atomic;
 
 pub use budget::{Budget, Charge, Memory, OverBudget, Share};
 pub use cleanup::{LeftFile, left_files, remove_left_files};
+pub use counters::{
+    Answered, AnsweredOf, AnsweredTotals, ClientCounts, ClientSlot, CounterSample, Counters,
+    ProcessNote, SceneCounts, SceneSlot, TotalCounts,
+};
 pub use door::Door;
 pub use error::{OpenError, TransportError};
 pub use exchange::{Answer, AnswerMemory, Exchange};

@@ -12,6 +12,7 @@ use pairmask_wire::{Page, RequestHeader, ResponseHeader};
 
 use crate::board::{OwnBoard, TheirBoard};
 use crate::budget::{Charge, Memory, OverBudget, Share};
+use crate::counters::ClientSlot;
 use crate::error::{OpenError, TransportError};
 use crate::locked::lock;
 use crate::pool::{Chunk, Pool};
@@ -113,6 +114,7 @@ pub struct Peer {
     own: OwnBoard,
     theirs: Arc<TheirBoard>,
     share: Share,
+    counts: Arc<ClientSlot>,
     segments: Mutex<Segments>,
     /// By the size of their pieces. A number in this list is the segment's on the wire.
     pools: Mutex<Vec<Pool>>,
@@ -132,7 +134,7 @@ impl Peer {
         socket: OwnedFd,
         (session, peer): (u64, PeerProcess),
         (segment, board): (OwnedFd, u64),
-        (prefix, share): (&str, Share),
+        (prefix, share, counts): (&str, Share, ClientSlot),
     ) -> Result<Arc<Self>, OpenError> {
         let system = |e: std::io::Error| TransportError::new("letting a client in", &e);
         let segment = Arc::new(Segment::map(segment, MOST_BYTES).map_err(system)?);
@@ -163,6 +165,7 @@ impl Peer {
                 over: None,
             }),
             share,
+            counts: Arc::new(counts),
             pools: Mutex::new(vec![pool]),
             places: Mutex::default(),
             next: AtomicU64::new(1),
@@ -190,6 +193,7 @@ impl Peer {
     pub(super) fn leave(&self) {
         self.is_gone.store(true, Ordering::Release);
         self.share.end();
+        self.counts.end();
     }
 
     /// Adds a further segment of the client's. Whether it may have one more.
@@ -367,6 +371,11 @@ impl CheckedRequest {
     /// The memory of its client.
     pub fn share(&self) -> &Share {
         &self.peer.share
+    }
+
+    /// What its client takes, counted.
+    pub fn counts(&self) -> &Arc<ClientSlot> {
+        &self.peer.counts
     }
 
     /// Makes sure, before the payload is read, that its client's memory stays what it may be: what lies in holes of a file

@@ -60,6 +60,8 @@ pub struct Config {
     pub(super) probe_ms: Option<u32>,
     #[serde(deserialize_with = "parsed")]
     pub(super) allow_group: Option<GroupId>,
+    #[serde(deserialize_with = "parsed")]
+    pub(super) metrics_file: Option<PathBuf>,
 }
 
 const QUOTED_CHARS: usize = 60;
@@ -167,7 +169,8 @@ mod tests {
         let config = Config::parse(
             "instance = 'world'\nbackend = 'in-process'\nencoding = 'sparse'\n\
              threads = 2\nspin-us = 0\nmax-clients = 3\nmax-reply-mib = 64\nmax-memory = '2G'\nruntime-dir = '/run/x'\n\
-             gpu = 'none'\ngpu-awake-ms = 0\nisa = 'portable'\nwithout-fence = 'landlock,rlimits'\nprobe-ms = 0\nallow-group = '7'",
+             gpu = 'none'\ngpu-awake-ms = 0\nisa = 'portable'\nwithout-fence = 'landlock,rlimits'\nprobe-ms = 0\nallow-group = '7'\n\
+             metrics-file = '/run/x.prom'",
         )
         .expect("every key is known");
         assert_eq!(config.instance.as_ref().map(InstanceName::as_str), Some("world"));
@@ -180,6 +183,7 @@ mod tests {
         assert_eq!(config.without_fence, Some("landlock,rlimits".parse().expect("two fences")));
         assert_eq!(config.probe_ms, Some(0));
         assert_eq!(config.allow_group, Some(GroupId(7)));
+        assert_eq!(config.metrics_file, Some(PathBuf::from("/run/x.prom")));
         assert_eq!(config.engine, None);
     }
 }

@@ -1,6 +1,7 @@
 //! `serve`: the daemon.
 
 use std::num::{NonZeroU16, NonZeroU32, NonZeroUsize};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
@@ -9,6 +10,7 @@ use pairmask_transport::Limits;
 
 use super::group::GroupId;
 use super::memory_size::MemorySize;
+use super::metrics::MetricsFile;
 use super::options::{CommonOptions, DaemonOptions};
 use super::whole_number::whole_number;
 use crate::audit::AuditRate;
@@ -25,6 +27,7 @@ Examples:
   pairmaskd serve --instance world --spin-us 1000
   pairmaskd serve --threads 4                 leaves the other cores to games
   pairmaskd serve --max-memory 2G             and no more than that for all clients
+  pairmaskd serve --metrics-file /var/lib/node_exporter/pairmask.prom
   pairmaskd serve --audit 1/1000              missed and extra pairs are counted in `status`
 
 A second daemon for the same instance is refused. A daemon without work sleeps.")]
@@ -68,6 +71,9 @@ pub struct Serve {
     /// wrongly or not at all, ms; 0 never [default: 3000]
     #[arg(long, value_parser = whole_number::<u32>, env = "PAIRMASK_PROBE_MS", value_name = "N")]
     probe_ms: Option<u32>,
+    /// Keep a file of metrics up to date, for the textfile collector of node_exporter
+    #[arg(long, env = "PAIRMASK_METRICS_FILE", value_name = "FILE")]
+    metrics_file: Option<PathBuf>,
     /// Log system calls that a fence would refuse, and make them. A worker has it from its environment.
     #[arg(long, hide = true, env = "PAIRMASK_SECCOMP_LOG", value_parser = FalseyValueParser::new())]
     seccomp_log: bool,
@@ -99,9 +105,24 @@ impl Serve {
             return work(&settings, supervisor);
         }
         match self.private_to {
-            None => supervise(&settings),
+            None => {
+                let _metrics = self.metrics(common, &settings)?;
+                supervise(&settings)
+            }
             Some(owner) => spawn::serve_private(&settings, owner),
         }
+    }
+
+    /// What keeps the file of metrics, if there is to be one: the supervisor, since the worker may write nowhere else.
+    fn metrics(
+        &self,
+        common: &CommonOptions,
+        settings: &ServeSettings,
+    ) -> Result<Option<MetricsFile>, ServeError> {
+        let path = self.metrics_file.as_ref().or(common.file.metrics_file.as_ref());
+        let path = path.filter(|path| !path.as_os_str().is_empty()).cloned();
+        let (dir, name) = (&settings.dir, &settings.instance);
+        path.map(|path| MetricsFile::start(path, dir.clone(), name.clone())).transpose()
     }
 
     fn settings(&self, common: &CommonOptions) -> ServeSettings {

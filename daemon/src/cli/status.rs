@@ -14,9 +14,11 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::daemon_cpu::{cpu_of, nanoseconds_a};
+use super::metrics::{self, Format, Scrape};
 use super::options::CommonOptions;
-use super::output::{print_json, print_text, time_text};
-use super::program;
+use super::output::{print_json, print_text, size_text, time_text, write_stdout};
+use super::program::{self, Fault};
+use super::rates::{ClientRates, Look, Rates};
 use super::skipped::Skipped;
 use crate::serve::fences::{Fence, FenceState, Fences};
 
@@ -25,18 +27,25 @@ use crate::serve::fences::{Fence, FenceState, Fences};
 const DEADLINE: Duration = Duration::from_secs(3);
 const LOOK: Duration = Duration::from_millis(10);
 
+/// Rates are of so much time at least: a game's frame takes a tenth of it.
+const RATE_TIME: Duration = Duration::from_millis(200);
+
 /// Show instances: version, clients, frames, last errors
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   pairmaskd status                     every instance of the runtime directory
   pairmaskd status --instance world --json
+  pairmaskd status --metrics           OpenMetrics, for Prometheus and its like
 
 Exit status: 0 where a daemon answers, 1 where none does.")]
 pub struct Status {
     /// Print one JSON object
     #[arg(long)]
     json: bool,
+    /// Print metrics as OpenMetrics text
+    #[arg(long, conflicts_with = "json")]
+    metrics: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -53,6 +62,8 @@ pub(super) struct Instance {
     pub(super) state: State,
     counters: Option<Counters>,
     pub(super) problem: Option<String>,
+    /// What its clients did while it was asked, or before it died.
+    rates: Option<Rates>,
 }
 
 struct Counters {
@@ -72,6 +83,14 @@ impl Status {
             checked => checked?,
         }
         let named = common.named_instance();
+        if self.metrics {
+            let found = records(&dir, named.as_ref());
+            let scrapes: Vec<Scrape> =
+                found.iter().map(|(dir, name, _)| Scrape::of(dir, name)).collect();
+            write_stdout(metrics::text(&scrapes, Format::OpenMetrics).as_bytes())?;
+            let is_alive = scrapes.iter().any(Scrape::is_alive);
+            return if is_alive { Ok(()) } else { Err(none_answers(&dir, named.as_ref())) };
+        }
         let instances = instances(&dir, named.as_ref());
         if self.json {
             let reports: Vec<Value> = instances.iter().map(Instance::json).collect();
@@ -86,20 +105,34 @@ impl Status {
         if instances.iter().any(|instance| instance.state == State::Alive) {
             Ok(())
         } else {
-            let dir = dir.path().display();
-            let none = match named {
-                None => format!("no daemon answers under {dir}: start one with `pairmaskd serve`"),
-                Some(name) => format!(
-                    "no daemon of instance '{name}' answers under {dir}: \
-                     start one with `pairmaskd serve --instance {name}`"
-                ),
-            };
-            Err(none.into())
+            Err(none_answers(&dir, named.as_ref()))
         }
     }
 }
 
+/// The error where no daemon answers.
+pub(super) fn none_answers(dir: &RuntimeDir, named: Option<&InstanceName>) -> Fault {
+    let dir = dir.path().display();
+    let none = match named {
+        None => format!("no daemon answers under {dir}: start one with `pairmaskd serve`"),
+        Some(name) => format!(
+            "no daemon of instance '{name}' answers under {dir}: \
+             start one with `pairmaskd serve --instance {name}`"
+        ),
+    };
+    none.into()
+}
+
 pub(super) fn instances(dir: &RuntimeDir, only: Option<&InstanceName>) -> Vec<Instance> {
+    let found = records(dir, only).into_iter();
+    found.map(|(dir, name, record)| Instance::of(&dir, name, record)).collect()
+}
+
+/// The instances that have a record, each in the directory where clients find it.
+pub(super) fn records(
+    dir: &RuntimeDir,
+    only: Option<&InstanceName>,
+) -> Vec<(RuntimeDir, InstanceName, DaemonRecord)> {
     let mut found: Vec<(RuntimeDir, InstanceName, DaemonRecord)> = Vec::new();
     for dir in dir.all().filter(|dir| dir.check().is_ok()) {
         for (name, record) in dir.instances() {
@@ -115,11 +148,12 @@ pub(super) fn instances(dir: &RuntimeDir, only: Option<&InstanceName>) -> Vec<In
             }
         }
     }
-    found.into_iter().map(|(dir, name, record)| Instance::of(&dir, name, record)).collect()
+    found
 }
 
 impl Instance {
     fn of(dir: &RuntimeDir, name: InstanceName, record: DaemonRecord) -> Self {
+        let before = look(dir, &name);
         let (state, counters, problem) = match ask(dir, &name, &record) {
             Ok(Some(counters)) => (State::Alive, Some(counters), None),
             Err(silent) => (State::Silent, silent.0, Some(silent.1)),
@@ -129,7 +163,13 @@ impl Instance {
                 (State::Dead, None, Some(problem))
             }
         };
-        Self { name, record, state, counters, problem }
+        let rates = before.and_then(|before| {
+            if state == State::Alive && !before.sample.clients.is_empty() {
+                std::thread::sleep((before.at + RATE_TIME).saturating_sub(look(dir, &name)?.at));
+            }
+            Some(Rates::between(&before, &look(dir, &name)?))
+        });
+        Self { name, record, state, counters, problem, rates }
     }
 
     /// An element of `instances` of `status --json`, whose fields `CLI.md` explains. Fields may be added, never
@@ -144,6 +184,7 @@ impl Instance {
             "fences": Fences::from_number(self.record.fences).map(fences_json),
             "daemon": self.counters.as_ref().map(Counters::json),
             "problem": self.problem,
+            "counters": self.rates,
         })
     }
 
@@ -157,7 +198,9 @@ impl Instance {
         if let Some(fences) = Fences::from_number(self.record.fences) {
             writeln!(text, "  fences: {}", fences_text(fences))?;
         }
-        self.counters.as_ref().map_or(Ok(()), |counters| counters.write_to(text))
+        self.counters.as_ref().map_or(Ok(()), |counters| counters.write_to(text))?;
+        let rates = self.rates.iter().filter(|_| self.state != State::Dead);
+        rates.flat_map(|rates| &rates.clients).try_for_each(|client| write_client(client, text))
     }
 }
 
@@ -249,6 +292,33 @@ impl Counters {
         }
         Ok(())
     }
+}
+
+fn look(dir: &RuntimeDir, name: &InstanceName) -> Option<Look> {
+    // Counters that cannot be read are not shown; that the instance is another user's, the question has said.
+    Look::read(dir, name).ok().flatten()
+}
+
+fn write_client(client: &ClientRates, text: &mut String) -> std::fmt::Result {
+    let ClientRates { session, process, name, frames_per_second, boxes, pairs, .. } = client;
+    write!(
+        text,
+        "  client #{session}, {name}, process {process}: {frames_per_second:.1} frames/s"
+    )?;
+    if let Some(engine) = client.engine {
+        write!(text, ", {boxes} boxes, {pairs} pairs by {engine}")?;
+    }
+    if let Some(total_ns) = client.stages.total_ns {
+        let percent = client.cpu_share * 100.0;
+        write!(text, ", {} a frame, {percent:.1} % of a core", time_text(total_ns))?;
+    }
+    if !client.scenes.is_empty() {
+        write!(text, ", {} scenes", client.scenes.len())?;
+    }
+    if client.errors > 0 {
+        write!(text, ", {} errors", client.errors)?;
+    }
+    writeln!(text, ", {}", size_text(client.memory_bytes))
 }
 
 /// The states by the names of the fences.

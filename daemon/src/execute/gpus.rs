@@ -47,6 +47,12 @@ impl Gpus {
         }
     }
 
+    /// Of those that serve.
+    pub fn names(&self) -> Vec<String> {
+        let devices = self.all.iter().filter_map(|gpu| gpu.device());
+        devices.map(|gpu| gpu.info().name.clone()).collect()
+    }
+
     /// Those that are lost too.
     pub fn iter(&self) -> impl Iterator<Item = &Arc<SharedGpu>> {
         self.all.iter()

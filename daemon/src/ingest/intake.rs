@@ -7,6 +7,7 @@ use std::time::Instant;
 
 #[derive(Debug)]
 pub struct Incoming {
+    pub received_at: Instant,
     pub sender: Sender,
     pub request: CheckedRequest,
 }
@@ -43,7 +44,8 @@ impl Intake {
             let mut last = 0;
             peer.receive(|request| {
                 last = request.sent_at().max(last);
-                found.push((last, Incoming { sender: request.sender(), request }));
+                let (received_at, sender) = (Instant::now(), request.sender());
+                found.push((last, Incoming { received_at, sender, request }));
             });
         }
         found.sort_by_key(|(sent_at, _)| *sent_at);

@@ -7,5 +7,5 @@ mod refusal;
 
 pub(crate) use self::open_request::OpenRequest;
 pub use self::outbox::AlterAnswer;
-pub(crate) use self::outbox::Outbox;
+pub(crate) use self::outbox::{Found, Outbox};
 pub(crate) use self::refusal::Refusal;

@@ -12,7 +12,9 @@ use pairmask_core::mask::{MaskShape, Span};
 use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::repeat::KeepTicket;
-use pairmask_transport::{Charge, CheckedRequest, Chunk, Memory, OverBudget, Sender, Share};
+use pairmask_transport::{
+    Charge, CheckedRequest, Chunk, ClientSlot, Memory, OverBudget, Sender, Share,
+};
 use pairmask_wire::{
     Page, Reject, ReplyFields, Request, ResponseHeader, SceneSections, SentRules,
     WORLD_RANGE_WORDS, page_count, words_in, words_in_mut, write_world_ranges,
@@ -63,6 +65,9 @@ impl OpenRequest {
     /// Of a request whose answer may have so many bytes, and no more than its client may take.
     pub(crate) fn new(incoming: Incoming, most_bytes: u64) -> Self {
         let taken_at = Instant::now();
+        let wait = taken_at.saturating_duration_since(incoming.received_at);
+        let payload_bytes = size_of_val(incoming.request.pages()) as u64;
+        incoming.request.counts().note_received(payload_bytes, wait.as_nanos() as u64);
         let limit_bytes = most_bytes.min(incoming.request.share().left() / ANSWER_PART);
         let header = incoming.request.header();
         let fields = ReplyFields {
@@ -112,6 +117,11 @@ impl OpenRequest {
     /// The memory of its client.
     pub(crate) fn share(&self) -> &Share {
         self.request().share()
+    }
+
+    /// What its client takes, counted.
+    pub(crate) fn counts(&self) -> &ClientSlot {
+        self.request().counts()
     }
 
     /// Makes sure that its payload may be read.
@@ -225,6 +235,8 @@ impl OpenRequest {
             }
         }
         if let Some(loan) = self.loan.take() {
+            let bytes = size_of_val(loan.pages()) as u64;
+            self.counts().note_sent(bytes, self.share().used());
             self.request().answer(header, loan);
         }
     }

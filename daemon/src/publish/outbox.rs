@@ -6,8 +6,10 @@ use std::time::Instant;
 use pairmask_core::dispatch::{CullAnswer, StageTimes};
 use pairmask_core::engine::CullReport;
 use pairmask_core::scene::{QueryFilterData, Reported};
-use pairmask_core::{BoxCount, BoxForm, ObjectForm};
-use pairmask_transport::{Door, GpuCounts, StatusFile};
+use pairmask_core::{BoxCount, BoxForm, EngineName, ObjectForm};
+use pairmask_transport::{
+    Answered, AnsweredOf, AnsweredTotals, Counters, Door, GpuCounts, StatusFile,
+};
 use pairmask_wire::{
     AuditCounts, LAST_ERRORS, RecordedError, ReplyFields, ResponseHeader, SkipTotals, StatusBody,
     StatusCode, response_error, response_ok,
@@ -26,7 +28,7 @@ pub type AlterAnswer = fn(&mut [u32], &mut CullReport);
 pub(crate) struct Outbox {
     door: Arc<Door>,
     pub(crate) clients: Clients,
-    counters: Mutex<Counters>,
+    tally: Mutex<Tally>,
     pub(crate) auditor: Arc<Auditor>,
     scenes: SceneTotals,
     alter_answers: Option<AlterAnswer>,
@@ -42,21 +44,25 @@ impl Outbox {
     ) -> Self {
         let body = StatusBody { pid: std::process::id(), ..StatusBody::default() };
         let (start, skips) = (Instant::now(), SkipTotals::default());
-        let counters = Mutex::new(Counters { start, body, skips });
-        Self { door, clients, counters, auditor, scenes, alter_answers }
+        let tally = Mutex::new(Tally { start, body, skips, shown: Arc::clone(door.counters()) });
+        Self { door, clients, tally, auditor, scenes, alter_answers }
     }
 
     pub(crate) fn sessions(&self) -> Vec<u64> {
         self.door.sessions()
     }
 
+    pub(crate) fn counters(&self) -> &Counters {
+        self.door.counters()
+    }
+
     pub(crate) fn status(&self) -> StatusBody {
         let (clients, audit) = (self.door.client_count(), self.auditor.counts());
-        locked(&self.counters).body(clients, audit, self.scenes.get())
+        locked(&self.tally).body(clients, audit, self.scenes.get())
     }
 
     pub(crate) fn status_file(&self, gpus: GpuCounts) -> StatusFile {
-        let skips = locked(&self.counters).skips;
+        let skips = locked(&self.tally).skips;
         StatusFile::now(self.status(), skips, gpus)
     }
 
@@ -85,7 +91,8 @@ impl Outbox {
                 }
             });
         }
-        let mut header = self.count(open, fields.box_count, form, &answer);
+        let of = AnsweredOf::Frame;
+        let mut header = self.count(open, (fields.box_count, form, of), &answer);
         if let Some(span) = open.world_ranges {
             header.put_world_ranges(span);
         }
@@ -110,7 +117,7 @@ impl Outbox {
         let (first_set, shape, reply) = (Some(queries), &answer.report.shape, open.words());
         let frame = AuditedFrame { form, first_set, scene, shape, reply };
         let audited = scene.and_then(|_| self.auditor.draw(&open.fields, &frame));
-        let header = self.count(open, queries, form, &answer);
+        let header = self.count(open, (queries, form, AnsweredOf::Query), &answer);
         open.send(&header);
         audited
     }
@@ -124,35 +131,46 @@ impl Outbox {
     fn count(
         &self,
         open: &OpenRequest,
-        objects: BoxCount,
-        form: ObjectForm,
+        (objects, form, of): (BoxCount, ObjectForm, AnsweredOf),
         answer: &CullAnswer,
     ) -> ResponseHeader {
         let (fields, report) = (&open.fields, &answer.report);
         let total_ns = open.taken_at.elapsed().as_nanos() as u64;
         let times = StageTimes { total_ns, ..answer.times };
         if !self.door.is_supervisor(open.sender.process) {
-            let mut counters = locked(&self.counters);
             let counted = ReplyFields { box_count: objects, ..*fields };
-            counters.note_frame(&counted, form, report.pair_count);
-            counters.skips = counters.skips.plus(&SkipTotals::of_frame(&report.skipped));
+            let skips = SkipTotals::of_frame(&report.skipped);
+            locked(&self.tally).note_frame(&counted, form, report.pair_count, &skips);
+            let (engine, threads) = (answer.engine, answer.threads);
+            let found = Found { pairs: report.pair_count, engine, threads, times };
+            open.counts().note_answered(&found.counted(&counted, of));
         }
         response_ok(fields, answer.engine, answer.threads, report, &times)
     }
 
-    /// Counts what an edit of a scene is answered with.
-    pub(crate) fn count_edit(&self, fields: &ReplyFields, reported: &Reported) {
+    /// Counts what an edit of a scene is answered with, which has so many boxes now.
+    pub(crate) fn count_edit(
+        &self,
+        open: &OpenRequest,
+        reported: &Reported,
+        boxes: u64,
+        (engine, threads, times): (EngineName, usize, StageTimes),
+    ) {
         let pairs =
             (reported.begun().len() + reported.ended().len() + reported.pairs().len()) as u64;
         let skips = SkipTotals::of_scene(reported.skipped(), reported.pair_count(), pairs);
-        let mut counters = locked(&self.counters);
-        counters.note_frame(fields, ObjectForm::Boxes(BoxForm::F32), pairs);
-        counters.skips = counters.skips.plus(&skips);
+        let (fields, form) = (&open.fields, ObjectForm::Boxes(BoxForm::F32));
+        locked(&self.tally).note_frame(fields, form, pairs, &skips);
+        let of = AnsweredOf::Edit { boxes, pairs: reported.pair_count() };
+        let found = Found { pairs, engine, threads, times };
+        open.counts().note_answered(&found.counted(fields, of));
     }
 
     /// Counts what a cast is answered with.
-    pub(crate) fn count_cast(&self, fields: &ReplyFields, hits: u64) {
-        locked(&self.counters).note_frame(fields, ObjectForm::Boxes(BoxForm::F32), hits);
+    pub(crate) fn count_cast(&self, open: &OpenRequest, found: &Found) {
+        let (fields, form) = (&open.fields, ObjectForm::Boxes(BoxForm::F32));
+        locked(&self.tally).note_frame(fields, form, found.pairs, &SkipTotals::default());
+        open.counts().note_answered(&found.counted(fields, AnsweredOf::Query));
     }
 
     /// Answers with an error, and counts it, where somebody waits for the answer.
@@ -171,7 +189,8 @@ impl Outbox {
             return;
         }
         log::debug!("client {:016x}: {}", fields.client_token, refusal.text);
-        locked(&self.counters).note_error(&fields, refusal.status);
+        locked(&self.tally).note_error(&fields, refusal.status);
+        open.counts().note_error();
         open.send(&response_error(&fields, refusal.status, refusal.detail));
     }
 
@@ -194,14 +213,42 @@ impl Outbox {
     }
 }
 
-struct Counters {
+/// What an answer was found by.
+#[derive(Clone, Copy)]
+pub(crate) struct Found {
+    /// Pairs or hits.
+    pub pairs: u64,
+    pub engine: EngineName,
+    pub threads: usize,
+    pub times: StageTimes,
+}
+
+impl Found {
+    fn counted(&self, fields: &ReplyFields, of: AnsweredOf) -> Answered {
+        let Self { pairs, engine, threads, times } = *self;
+        let (token, objects) = (fields.client_token, fields.box_count.get().into());
+        Answered { token, objects, pairs, of, engine, threads, times }
+    }
+}
+
+/// All answers so far.
+struct Tally {
     start: Instant,
     body: StatusBody,
     skips: SkipTotals,
+    /// Where the numbers are seen as they change.
+    shown: Arc<Counters>,
 }
 
-impl Counters {
-    fn note_frame(&mut self, fields: &ReplyFields, form: ObjectForm, pair_count: u64) {
+impl Tally {
+    fn note_frame(
+        &mut self,
+        fields: &ReplyFields,
+        form: ObjectForm,
+        pair_count: u64,
+        skips: &SkipTotals,
+    ) {
+        self.skips = self.skips.plus(skips);
         self.body.frames += 1;
         let objects = match form {
             ObjectForm::Boxes(_) => &mut self.body.boxes,
@@ -209,6 +256,12 @@ impl Counters {
         };
         *objects += u64::from(fields.box_count.get());
         self.body.pairs = self.body.pairs.saturating_add(pair_count);
+        self.show();
+    }
+
+    fn show(&self) {
+        let StatusBody { frames, boxes, spheres, pairs, errors, .. } = self.body;
+        self.shown.note_answered(AnsweredTotals { frames, boxes, spheres, pairs, errors });
     }
 
     /// Counts a refusal, and keeps it among the last ones.
@@ -222,6 +275,7 @@ impl Counters {
             status: status as u32,
             reserved: 0,
         };
+        self.show();
     }
 
     fn body(

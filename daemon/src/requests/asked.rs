@@ -15,7 +15,7 @@ use super::PAIR_BYTES;
 use super::scene::Failed;
 use crate::audit::AuditedScene;
 use crate::execute::SceneHost;
-use crate::publish::{OpenRequest, Outbox, Refusal};
+use crate::publish::{Found, OpenRequest, Outbox, Refusal};
 
 /// Most pairs whose memory a scene keeps between queries: 8 MiB, 2,048 pages. To find more takes far longer than
 /// to map their memory.
@@ -159,7 +159,7 @@ fn answer_cast(
         ..StageTimes::default()
     };
     let header = response_cast(&open.fields, engine, threads, found.len(), &times);
-    outbox.count_cast(&open.fields, found.len() as u64);
+    outbox.count_cast(open, &Found { pairs: found.len() as u64, engine, threads, times });
     open.send(&header);
     Ok(())
 }

@@ -16,8 +16,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use pairmask_core::engine::CullError;
-use pairmask_transport::Door;
+use pairmask_transport::{Door, ProcessNote};
 use pairmask_wire::{CullRequest, PAGE_BYTES, Request, StatusBody, response_status};
+use rustix::time::ClockId;
 
 use self::asked::Asked;
 use self::cull::Culls;
@@ -25,7 +26,7 @@ use self::scene::{SceneEdits, SceneTools};
 use self::shared::SharedScenes;
 use crate::audit::Auditor;
 use crate::clients::{Clients, SceneTotals};
-use crate::execute::{EnginePool, Executor};
+use crate::execute::{EnginePool, Executor, used_by};
 use crate::ingest::Incoming;
 use crate::publish::{OpenRequest, Outbox};
 use crate::serve::{ServeError, ServeSettings};
@@ -111,6 +112,7 @@ impl Responder {
             totals,
             shared: door.budget().share(),
             pool: Arc::clone(&pool),
+            counters: Arc::clone(door.counters()),
             auditor,
         };
         Ok(Self {
@@ -207,6 +209,15 @@ impl Responder {
         self.outbox.clients.tidy(|| self.outbox.sessions());
         self.shared.tidy();
         self.door.tidy(IDLE, |range| self.culls.release_reply(range));
-        self.door.budget().note_process();
+        self.note_process();
+    }
+
+    /// Has the counters show the worker's memory and CPU time.
+    fn note_process(&self) {
+        let budget = self.door.budget();
+        budget.note_process();
+        let (memory_bytes, memory_limit_bytes) = budget.used();
+        let cpu_ns = used_by(ClockId::ProcessCPUTime).as_nanos() as u64;
+        self.door.counters().note_process(ProcessNote { memory_bytes, memory_limit_bytes, cpu_ns });
     }
 }

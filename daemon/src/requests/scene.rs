@@ -8,7 +8,7 @@ use pairmask_core::engine::{AvailableIsa, CullError, ReplyBuffer};
 use pairmask_core::plan::Calibration;
 use pairmask_core::scene::{Edit, Reported, SceneError, SceneOptions};
 use pairmask_core::{EngineChoice, EngineName};
-use pairmask_transport::Share;
+use pairmask_transport::{Counters, Share};
 use pairmask_wire::{
     EditScratch, ReplyFields, SceneAnswerLayout, SceneId, SceneRequest, TickMarks, TickNotes,
     response_scene, response_scene_ended,
@@ -30,6 +30,7 @@ pub(super) struct SceneTools {
     /// The memory of shared scenes, which have a share as one client has.
     pub(super) shared: Share,
     pub(super) pool: Arc<EnginePool>,
+    pub(super) counters: Arc<Counters>,
     pub(super) auditor: Arc<Auditor>,
 }
 
@@ -136,13 +137,14 @@ impl SceneEdits {
             drop(self.outbox.clients.take_scene(session, request.scene));
             let scene = self.tools.new_scene(request.most_boxes, request.engine)?;
             let audited = self.outbox.auditor.draw_scene(request.most_boxes);
+            let counts = self.tools.counters.scene(session, request.scene.0.into());
             return Ok(SessionScene {
                 id: request.scene,
                 revision: 0,
                 scene,
                 scratch: EditScratch::default(),
                 found: Vec::new(),
-                room: SceneRoom::begin(&self.tools.totals, open.share())?,
+                room: SceneRoom::begin(&self.tools.totals, open.share(), counts)?,
                 audited,
             });
         }
@@ -180,6 +182,7 @@ fn edit_and_answer(
     let _copy = open.charge_copy()?;
     let steps = scratch.read(request, open.pages())?;
     let edit = Edit { steps: &steps };
+    let moved = edit.boxes() as u64;
     room.make(scene, edit, PendingBoxes::default(), bytes_of(found))?;
     let ingested = Instant::now();
     if request.is_acknowledged {
@@ -213,8 +216,11 @@ fn edit_and_answer(
         execute_ns: ns(ingested, executed),
         ..StageTimes::default()
     };
-    let answer = EditAnswer { engine: scene.engine(), bytes: scene.bytes(), threads, times };
+    let (engine, bytes) = (scene.engine(), scene.bytes());
+    let boxes = scene.len() as u64;
+    let answer = EditAnswer { engine, bytes, boxes, threads, times };
     let reported = scene.reported();
+    room.counts().note_edit((moved, boxes), reported.pair_count(), engine, &times);
     answer.send(open, reported, None, outbox).map_err(Failed::Lost)?;
     if let Some(audited) = audited {
         // Its payload is ours to read as long as the request is.
@@ -232,6 +238,8 @@ fn edit_and_answer(
 pub(super) struct EditAnswer {
     pub engine: EngineName,
     pub bytes: u64,
+    /// In the scene.
+    pub boxes: u64,
     pub threads: usize,
     pub times: StageTimes,
 }
@@ -260,9 +268,9 @@ impl EditAnswer {
             total_ns: open.taken_at.elapsed().as_nanos() as u64,
             ..self.times
         };
-        let Self { engine, bytes, threads, .. } = *self;
+        let Self { engine, bytes, boxes, threads, .. } = *self;
         let header = response_scene(&open.fields, engine, threads, reported, bytes, &times);
-        outbox.count_edit(&open.fields, reported);
+        outbox.count_edit(open, reported, boxes, (engine, threads, times));
         open.send(&marks.map_or(header, |(marks, _)| marks.mark(header)));
         Ok(())
     }

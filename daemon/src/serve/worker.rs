@@ -14,8 +14,8 @@ use pairmask_core::engine::{AvailableIsa, CullError, CullInput, HeapReply, cpu_e
 use pairmask_core::plan::{Calibration, SceneStats};
 use pairmask_core::{Aabb, BoxCount, Encoding, EngineName, MaskView};
 use pairmask_transport::{
-    Budget, DaemonRecord, Door, GpuCounts, StatusFile, quiet_transport_log, remove_left_files,
-    survive_cut_memory,
+    Budget, Counters, DaemonRecord, Door, GpuCounts, StatusFile, quiet_transport_log,
+    remove_left_files, survive_cut_memory,
 };
 use pairmask_wire::{SkipTotals, StatusBody, Version};
 use rustix::process::Signal;
@@ -65,7 +65,9 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     let limits = &daemon.limits;
     // Shared scenes have a share as a client has, and so has the supervisor.
     let budget = Budget::new(limits.max_memory_bytes, limits.max_clients + 2);
-    let door = Door::open(&settings.dir, &settings.instance, limits.max_clients, budget)?;
+    let counters = counters(settings);
+    let (dir, instance) = (&settings.dir, &settings.instance);
+    let door = Door::open(dir, instance, limits.max_clients, budget, counters)?;
     let (door, porter) = attended(door)?;
     let record = DaemonRecord {
         worker_pid: std::process::id(),
@@ -115,6 +117,14 @@ fn bind_to(supervisor: u32) -> Result<(), ServeError> {
         .map_err(|e| ServeError::system("binding to the supervisor")(e.into()))?;
     let parent = rustix::process::getppid().map_or(0, |pid| pid.as_raw_nonzero().get() as u32);
     if parent == supervisor { Ok(()) } else { Err(ServeError::Orphaned { supervisor }) }
+}
+
+fn counters(settings: &ServeSettings) -> Arc<Counters> {
+    let clients = settings.daemon.limits.max_clients;
+    Counters::create(&settings.dir, &settings.instance, clients).unwrap_or_else(|error| {
+        log::warn!("`pairmaskd top` will not see this daemon's clients: {error}");
+        Counters::unseen(clients)
+    })
 }
 
 /// A thread lets clients in, from now on.

@@ -12,6 +12,7 @@ mod explain;
 mod generated;
 mod gpus;
 mod install_service;
+mod metrics;
 mod mistakes;
 mod serve;
 mod settings;

@@ -41,7 +41,7 @@ fn a_daemon_reports_what_it_did() {
     }
     let report = status(&sandbox, &daemon, "--json").json();
     let instance = &report["instances"][0];
-    let fields = "instance state version pid supervisor_pid fences daemon problem";
+    let fields = "instance state version pid supervisor_pid fences daemon problem counters";
     assert_eq!(keys(instance), names(fields));
     assert_eq!((&instance["instance"], &instance["state"]), (&"default".into(), &"alive".into()));
     assert_eq!(instance["pid"], daemon.record().unwrap().worker_pid);
@@ -73,7 +73,17 @@ fn a_daemon_reports_what_it_did() {
         let status = status(&sandbox, &daemon, "");
         assert!(status.stdout.contains(text), "{text}: {status:?}");
     };
+    let counters = &instance["counters"];
+    assert_eq!(keys(counters), names("totals clients shared_scenes"));
+    let [client] = &counters["clients"].as_array().unwrap()[..] else { panic!("{counters}") };
+    for (field, expected) in [("boxes", 4), ("pairs", 6), ("frames", 3), ("errors", 0)] {
+        assert_eq!(client[field], expected, "{field}");
+    }
+    assert_eq!(client["process"], std::process::id());
+    assert_eq!(counters["totals"]["frames"], 3);
+
     is_shown("default: alive");
+    is_shown(&format!("process {}: 0.0 frames/s, 4 boxes, 6 pairs by ", std::process::id()));
     is_shown("3 frames, 12 boxes, 18 pairs");
     let mut frame = session.sphere_frame(5).unwrap();
     frame.spheres_mut().fill(pairmask_core::Sphere::new([0.0; 3], 1.0));
@@ -115,6 +125,7 @@ fn a_killed_daemon_is_dead() {
     let instance = &report["instances"][0];
     assert_eq!((&instance["state"], &instance["daemon"]), (&"dead".into(), &Value::Null));
     assert_eq!(instance["pid"], record.worker_pid);
+    assert_eq!(instance["counters"]["totals"]["errors"], 0, "its counters stay");
 }
 
 #[test]

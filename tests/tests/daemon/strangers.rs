@@ -220,6 +220,7 @@ fn a_group_that_is_let_in_may_look_and_change_nothing() {
         (file("default.daemon"), 0o640),
         (file("default.heartbeat"), 0o640),
         (file("default.account"), 0o640),
+        (file("default.counters"), 0o640),
         (file("default.socket"), 0o660),
         (file("default.lock"), 0o600),
     ] {

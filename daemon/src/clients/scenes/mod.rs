@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use pairmask_core::scene::Edit;
-use pairmask_transport::{Charge, Memory, OverBudget, Share};
+use pairmask_transport::{Charge, Memory, OverBudget, SceneSlot, Share};
 use pairmask_wire::{EditScratch, SceneId};
 
 use crate::audit::AuditedScene;
@@ -40,6 +40,7 @@ pub(crate) struct SessionScene {
 pub(crate) struct SceneRoom {
     charge: Charge,
     totals: SceneTotals,
+    counts: SceneSlot,
 }
 
 /// Boxes that edits set which wait to be applied.
@@ -51,11 +52,20 @@ pub(crate) struct PendingBoxes {
 }
 
 impl SceneRoom {
-    pub(crate) fn begin(totals: &SceneTotals, share: &Share) -> Result<Self, OverBudget> {
+    pub(crate) fn begin(
+        totals: &SceneTotals,
+        share: &Share,
+        counts: SceneSlot,
+    ) -> Result<Self, OverBudget> {
         let charge = share.charge(Memory::Own, BYTES_A_SCENE)?;
         totals.0.scenes.fetch_add(1, Ordering::Relaxed);
         totals.0.bytes.fetch_add(BYTES_A_SCENE, Ordering::Relaxed);
-        Ok(Self { charge, totals: totals.clone() })
+        Ok(Self { charge, totals: totals.clone(), counts })
+    }
+
+    /// What the scene takes, counted.
+    pub(crate) const fn counts(&self) -> &SceneSlot {
+        &self.counts
     }
 
     /// Makes room for an edit that is applied with others, so many bytes being kept `beside` it.
@@ -94,6 +104,7 @@ impl SceneRoom {
     pub(crate) fn note(&mut self, scene: &SceneHost, beside: u64) {
         let scene_bytes = scene.bytes();
         self.set(BYTES_A_SCENE + scene_bytes + beside);
+        self.counts.note_size(scene.len() as u64, self.charge.bytes());
     }
 
     /// Takes more, so that it is at least so much; without room it stays what it was.
@@ -164,17 +175,21 @@ impl Drop for SceneRoom {
 
 #[cfg(test)]
 mod tests {
-    use pairmask_transport::Budget;
+    use pairmask_transport::{Budget, Counters};
 
     use super::*;
 
     const MIB: u64 = 1 << 20;
 
+    fn counts() -> SceneSlot {
+        Counters::unseen(1).scene(1, 1)
+    }
+
     #[test]
     fn what_does_not_fit_several_gpus_is_kept_on_fewer() {
         let share = Budget::new(200 * MIB, 1).share();
         let totals = SceneTotals::default();
-        let mut one = SceneRoom::begin(&totals, &share).expect("room");
+        let mut one = SceneRoom::begin(&totals, &share, counts()).expect("room");
         let two = share.charge(Memory::Own, 30 * MIB).expect("room");
         let bytes = |copies: usize| 30 * MIB * copies as u64;
         assert_eq!([1, 2, 3, 4].map(|most| one.most_that_fit(most, bytes)), [1, 2, 2, 2]);
@@ -188,14 +203,14 @@ mod tests {
     fn scenes_are_counted_as_they_come_grow_and_go() {
         let share = Budget::new(200 * MIB, 1).share();
         let totals = SceneTotals::default();
-        let mut one = SceneRoom::begin(&totals, &share).expect("room");
-        let two = SceneRoom::begin(&totals, &share).expect("room");
+        let mut one = SceneRoom::begin(&totals, &share, counts()).expect("room");
+        let two = SceneRoom::begin(&totals, &share, counts()).expect("room");
         assert!(one.grow_to(101 * MIB).is_err() && one.grow_to(50 * MIB).is_ok());
         assert_eq!(totals.get(), (2, 50 * MIB + BYTES_A_SCENE));
         drop(two);
         one.set(120 * MIB);
         assert_eq!(totals.get(), (1, 120 * MIB), "what is known afterwards may be more");
-        assert!(SceneRoom::begin(&totals, &share).is_err());
+        assert!(SceneRoom::begin(&totals, &share, counts()).is_err());
         drop(one);
         assert_eq!((totals.get(), share.left()), ((0, 0), 100 * MIB));
     }

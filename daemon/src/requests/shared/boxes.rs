@@ -3,6 +3,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
+use pairmask_core::dispatch::StageTimes;
 use pairmask_core::scene::shared::{
     Incarnations, MovedBoxes, NamedPair, Ranges, RemainingBoxes, Remains, TickChanges,
 };
@@ -131,6 +132,7 @@ impl Boxes {
     /// No boxes, whose indices are below a limit.
     pub fn begin(limit: u32, engine: EngineChoice, tools: SceneTools) -> Result<Self, Refusal> {
         let audit = tools.auditor.draw_scene(limit);
+        let counts = tools.counters.scene(0, 0);
         Ok(Self {
             audit: audit.map(|scene| TickAudit { scene, edits: 0 }),
             engine,
@@ -141,7 +143,7 @@ impl Boxes {
             moved: MovedBoxes::default(),
             marked: MovedBoxes::default(),
             kept: RemainingBoxes::default(),
-            room: SceneRoom::begin(&tools.totals, &tools.shared)?,
+            room: SceneRoom::begin(&tools.totals, &tools.shared, counts)?,
             tools,
             members_bytes: 0,
             pending: Pending::default(),
@@ -328,6 +330,12 @@ impl Boxes {
     pub fn remains(&self, ranges: &[Range<u32>]) -> Remains {
         let ranges: Ranges = ranges.iter().cloned().collect();
         Remains::of(&self.copy, &ranges)
+    }
+
+    /// Counts a tick that set so many boxes.
+    pub fn count_tick(&self, moved: u64, pairs: Option<u64>, times: &StageTimes) {
+        let (boxes, engine) = (self.scene.len() as u64, self.scene.engine());
+        self.room.counts().note_edit((moved, boxes), pairs, engine, times);
     }
 
     /// Whether there is room for so many bytes on top.

@@ -102,6 +102,7 @@ impl ClosedTick {
         }
         let edit = Edit { steps: &steps };
         boxes.note_moved(number, edit);
+        let moved = edit.boxes() as u64;
         let applied = apply(boxes, &recipients, edit, threads);
         drop(steps);
         let pairs = applied.and_then(|()| Pairs::needed(boxes, &commits));
@@ -114,10 +115,13 @@ impl ClosedTick {
         let edits = answers.iter().map(|answer| answer.commit.edit.allocated_bytes() as u64);
         let edit_bytes = edits.sum::<u64>() + scratch_bytes;
         boxes.note_room(recipients.map(Recipient::bytes).sum::<u64>() + edit_bytes);
+        let pair_count = pairs.as_ref().ok().map(|pairs| pairs.count);
         let scene = &boxes.scene;
         let execute_ns = start.elapsed().as_nanos() as u64;
         let times = StageTimes { execute_ns, ..StageTimes::default() };
-        let answer = EditAnswer { engine: scene.engine(), bytes: scene.bytes(), threads, times };
+        boxes.count_tick(moved, pair_count, &times);
+        let (engine, bytes, boxes) = (scene.engine(), scene.bytes(), scene.len() as u64);
+        let answer = EditAnswer { engine, bytes, boxes, threads, times };
         AppliedTick { number, late, answer, answers }
     }
 }

@@ -25,12 +25,12 @@ mod sleeper;
 mod workers;
 
 use std::sync::atomic::{self, AtomicBool, Ordering};
-use std::sync::{Mutex, MutexGuard, OnceLock};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
 
 use pairmask_core::spinner::Spinner;
-use pairmask_transport::{GpuCounts, Sender};
+use pairmask_transport::{ClientSlot, GpuCounts, Sender};
 
 use self::scheduler::{Arrived, LONGEST_SLEEP, Rest, Scheduler, Task};
 use self::sleeper::Sleeper;
@@ -76,9 +76,10 @@ struct Lead {
 }
 
 /// What is noted of a request when it was served.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 struct Asked {
     sender: Sender,
+    counts: Arc<ClientSlot>,
     kind: RequestKind,
     objects: u32,
 }
@@ -87,7 +88,8 @@ impl Asked {
     fn of(incoming: &Incoming) -> Self {
         let header = incoming.request.header();
         let kind = RequestKind::of(header);
-        Self { sender: incoming.sender, kind, objects: header.box_count }
+        let counts = Arc::clone(incoming.request.counts());
+        Self { sender: incoming.sender, counts, kind, objects: header.box_count }
     }
 }
 
@@ -166,6 +168,8 @@ impl<'a> WorkerThreads<'a> {
             let now = self.gpu_counts();
             if now != gpus {
                 gpus = now;
+                let names = self.responder.culls.gpus().names();
+                self.responder.outbox.counters().note_gpus(names.iter().map(String::as_str));
                 self.writer.post(&self.responder.outbox.status_file(gpus));
             }
             let pause = if gpus.opening > 0 { OPENING_LOOK } else { TIDY_INTERVAL };
@@ -370,12 +374,21 @@ impl<'a> WorkerThreads<'a> {
         }
         let now = Instant::now();
         for incoming in arrived.drain(..) {
-            let Asked { sender, kind, objects } = Asked::of(&incoming);
-            let expected =
-                self.responder.outbox.clients.expected_work(sender.session, kind, objects);
-            locked(&self.scheduler).put(Arrived { incoming, expected }, now);
+            let header = incoming.request.header();
+            let (session, kind) = (incoming.sender.session, RequestKind::of(header));
+            let clients = &self.responder.outbox.clients;
+            let expected = clients.expected_work(session, kind, header.box_count);
+            let mut scheduler = locked(&self.scheduler);
+            scheduler.put(Arrived { incoming, expected }, now);
+            self.note_queue(&scheduler);
         }
         true
+    }
+
+    /// Shows how many requests wait and are served. To be called after each change, under the scheduler's lock.
+    fn note_queue(&self, scheduler: &Scheduler) {
+        let queue = &scheduler.queue;
+        self.responder.outbox.counters().note_queue(queue.waiting(), queue.serving());
     }
 
     /// A request that this thread serves from now on; it leads no longer then.
@@ -383,6 +396,7 @@ impl<'a> WorkerThreads<'a> {
         let mut scheduler = locked(&self.scheduler);
         let task = scheduler.next(worker, Instant::now())?;
         self.note_lead(&scheduler);
+        self.note_queue(&scheduler);
         drop(scheduler);
         if let Some(worker) = task.wake {
             self.unpark(worker);
@@ -392,7 +406,7 @@ impl<'a> WorkerThreads<'a> {
 
     fn serve(&self, worker: usize, task: Task) {
         let Task { incoming, beside, threads, has_turns, .. } = task;
-        let first = Asked::of(&incoming);
+        let (first, sender) = (Asked::of(&incoming), incoming.sender);
         let (start, timer) = (Instant::now(), CpuTimer::start());
         let took = |served: &Served| {
             // A frame has used a GPU while its thread waited for that one.
@@ -412,7 +426,9 @@ impl<'a> WorkerThreads<'a> {
             let each = asked.iter().zip(&served);
             each.for_each(|(asked, served)| self.note(asked, served, took(served) / share));
         }
-        locked(&self.scheduler).note_served(worker, first.sender, has_turns, Instant::now());
+        let mut scheduler = locked(&self.scheduler);
+        scheduler.note_served(worker, sender, has_turns, Instant::now());
+        self.note_queue(&scheduler);
     }
 
     /// Notes what a request took of each thread that served it.
@@ -429,6 +445,7 @@ impl<'a> WorkerThreads<'a> {
             let note = |client: &mut Client| client.last_work.note(asked.kind, work);
             self.responder.outbox.clients.of(asked.sender.session, note);
         }
+        asked.counts.note_used(used.as_nanos() as u64);
         locked(&self.scheduler).queue.note_served(asked.sender, used);
     }
 
