@@ -33,6 +33,7 @@ pub mod shape;
 mod skipped;
 mod status;
 pub mod target;
+mod top;
 pub mod usage;
 pub mod whole_number;
 
@@ -72,6 +73,7 @@ Examples:
   pairmaskd demo                              a daemon and a client with falling boxes, 10 s
   pairmaskd serve --instance world            serve until Ctrl-C
   pairmaskd status                            who serves, and what it did so far
+  pairmaskd top                               its clients and scenes, as they are served
   pairmaskd doctor                            what of this machine is wrong, and what to do
   pairmaskd cull boxes.f32 --spawn --json     pairs of a file of boxes, by a daemon of its own
   pairmaskd bench latency --n 1000,10000      what a frame costs, by stage
@@ -92,6 +94,7 @@ enum Command {
     Bench(bench::Bench),
     Scene(scene::Scene),
     Status(status::Status),
+    Top(top::Top),
     Explain(explain::Explain),
     Doctor(doctor::Doctor),
     Gpus(gpus::Gpus),
@@ -128,6 +131,7 @@ fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result {
         Command::Bench(bench::Bench::Latency(latency)) => latency.run(common),
         Command::Scene(scene) => scene.run(),
         Command::Status(status) => status.run(common),
+        Command::Top(top) => top.run(common),
         Command::Explain(explain) => explain.run(),
         Command::Doctor(doctor) => doctor.run(common),
         Command::Gpus(gpus) => gpus.run(),

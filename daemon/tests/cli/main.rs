@@ -18,3 +18,4 @@ mod serve;
 mod settings;
 mod status;
 mod support;
+mod top;
