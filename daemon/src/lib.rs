@@ -15,6 +15,8 @@ pub mod file_error;
 mod ingest;
 pub mod precision;
 mod publish;
+pub mod recording;
+pub mod replay;
 mod requests;
 pub mod scene;
 pub mod serve;

@@ -11,30 +11,45 @@ const UNITS: [char; 5] = ['B', 'K', 'M', 'G', 'T'];
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MemorySize(pub u64);
 
+/// As [`MemorySize`], of a file, which may be of any size.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FileSize(pub u64);
+
 impl FromStr for MemorySize {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let end = text.find(|c: char| !c.is_ascii_digit()).unwrap_or(text.len());
-        let (digits, unit) = text.split_at(end);
-        let unit = unit.to_ascii_uppercase();
-        let unit = unit.strip_suffix("IB").or_else(|| unit.strip_suffix('I')).unwrap_or(&unit);
-        let power = match unit {
-            "" => Some(0),
-            _ => UNITS.iter().position(|name| unit == name.to_string()),
-        };
-        let number = digits.parse::<u64>();
-        let (Ok(number), Some(power)) = (number, power) else {
-            return Err("must be a size such as 512M or 2G".to_owned());
-        };
-        match number.checked_mul(1 << (10 * power)) {
-            None => Err("is more than any machine has".to_owned()),
-            Some(bytes) if bytes < LEAST_MEMORY => {
+        match bytes_of(text)? {
+            bytes if bytes < LEAST_MEMORY => {
                 Err(format!("must be at least {}M", LEAST_MEMORY >> 20))
             }
-            Some(bytes) => Ok(Self(bytes)),
+            bytes => Ok(Self(bytes)),
         }
     }
+}
+
+impl FromStr for FileSize {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        bytes_of(text).map(Self)
+    }
+}
+
+fn bytes_of(text: &str) -> Result<u64, String> {
+    let end = text.find(|c: char| !c.is_ascii_digit()).unwrap_or(text.len());
+    let (digits, unit) = text.split_at(end);
+    let unit = unit.to_ascii_uppercase();
+    let unit = unit.strip_suffix("IB").or_else(|| unit.strip_suffix('I')).unwrap_or(&unit);
+    let power = match unit {
+        "" => Some(0),
+        _ => UNITS.iter().position(|name| unit == name.to_string()),
+    };
+    let number = digits.parse::<u64>();
+    let (Ok(number), Some(power)) = (number, power) else {
+        return Err("must be a size such as 512M or 2G".to_owned());
+    };
+    number.checked_mul(1 << (10 * power)).ok_or_else(|| "is more than any machine has".to_owned())
 }
 
 #[cfg(test)]

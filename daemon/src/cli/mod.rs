@@ -26,6 +26,7 @@ pub mod percentiles;
 pub mod program;
 pub mod progress;
 mod rates;
+mod replay;
 mod scene;
 mod scene_look;
 pub mod serve;
@@ -77,6 +78,7 @@ Examples:
   pairmaskd doctor                            what of this machine is wrong, and what to do
   pairmaskd cull boxes.f32 --spawn --json     pairs of a file of boxes, by a daemon of its own
   pairmaskd bench latency --n 1000,10000      what a frame costs, by stage
+  pairmaskd replay game.pmrec                 what clients sent, again, with the answers compared
   pairmaskd explain boxes.f32 3 17            why two boxes are a pair or not
 
 Exit status: 0 done; 1 it failed, a check failed, or no daemon serves; 2 the command line or configuration is wrong.";
@@ -95,6 +97,7 @@ enum Command {
     Scene(scene::Scene),
     Status(status::Status),
     Top(top::Top),
+    Replay(replay::Replay),
     Explain(explain::Explain),
     Doctor(doctor::Doctor),
     Gpus(gpus::Gpus),
@@ -132,6 +135,7 @@ fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result {
         Command::Scene(scene) => scene.run(),
         Command::Status(status) => status.run(common),
         Command::Top(top) => top.run(common),
+        Command::Replay(replay) => replay.run(common),
         Command::Explain(explain) => explain.run(),
         Command::Doctor(doctor) => doctor.run(common),
         Command::Gpus(gpus) => gpus.run(),

@@ -9,15 +9,19 @@ use clap::builder::FalseyValueParser;
 use pairmask_transport::Limits;
 
 use super::group::GroupId;
-use super::memory_size::MemorySize;
+use super::memory_size::{FileSize, MemorySize};
 use super::metrics::MetricsFile;
 use super::options::{CommonOptions, DaemonOptions};
 use super::whole_number::whole_number;
 use crate::audit::AuditRate;
 use crate::publish::AlterAnswer;
+use crate::recording::RecordSettings;
 use crate::serve::fences::{Refusal, WithoutFences};
 use crate::serve::{DaemonSettings, ServeError, ServeSettings, supervise, work};
 use crate::spawn;
+
+/// Minutes of 10,000 boxes that all move, at 60 frames a second; hours of boxes that mostly rest.
+const DEFAULT_RECORD_BYTES: u64 = 1 << 30;
 
 /// Serve an instance until Ctrl-C, SIGTERM or SIGHUP
 #[derive(Debug, Args)]
@@ -29,6 +33,7 @@ Examples:
   pairmaskd serve --max-memory 2G             and no more than that for all clients
   pairmaskd serve --metrics-file /var/lib/node_exporter/pairmask.prom
   pairmaskd serve --audit 1/1000              missed and extra pairs are counted in `status`
+  pairmaskd serve --record game.pmrec         what clients send, for `pairmaskd replay`
 
 A second daemon for the same instance is refused. A daemon without work sleeps.")]
 pub struct Serve {
@@ -74,6 +79,13 @@ pub struct Serve {
     /// Keep a file of metrics up to date, for the textfile collector of node_exporter
     #[arg(long, env = "PAIRMASK_METRICS_FILE", value_name = "FILE")]
     metrics_file: Option<PathBuf>,
+    /// Record what clients send, and a digest of each answer, in a file for `replay`. A recording of that name is
+    /// replaced
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+    /// The most that is recorded: then the recording ends, and the daemon serves on [default: 1G]
+    #[arg(long, value_name = "SIZE", requires = "record")]
+    record_max: Option<FileSize>,
     /// Log system calls that a fence would refuse, and make them. A worker has it from its environment.
     #[arg(long, hide = true, env = "PAIRMASK_SECCOMP_LOG", value_parser = FalseyValueParser::new())]
     seccomp_log: bool,
@@ -158,6 +170,10 @@ impl Serve {
                 probe_interval: probe_ms
                     .map_or(default.probe_interval, |ms| Duration::from_millis(ms.into())),
             },
+            record: self.record.as_ref().map(|file| RecordSettings {
+                file: file.clone(),
+                most_bytes: self.record_max.map_or(DEFAULT_RECORD_BYTES, |size| size.0),
+            }),
             restarted: self.restarted,
             refusal: if self.seccomp_log { Refusal::Logged } else { Refusal::Fails },
             alter_answers: None,

@@ -45,6 +45,17 @@ impl Target {
         Ok(Self { dir, instance, backend, _daemon: None })
     }
 
+    /// The instance that the user named, else a private daemon.
+    pub fn daemon(daemon: &DaemonOptions, common: &CommonOptions) -> Result<Self, SpawnError> {
+        let backend = Backend::Daemon;
+        if let Some(instance) = common.named_instance() {
+            return Ok(Self { dir: common.runtime_dir(), instance, backend, _daemon: None });
+        }
+        let daemon = PrivateDaemon::start_self(&daemon.private(common))?;
+        let (dir, instance) = (daemon.dir(), daemon.instance());
+        Ok(Self { dir, instance, backend, _daemon: Some(daemon) })
+    }
+
     pub fn session(&self, builder: SessionBuilder, spin: Duration) -> SessionBuilder {
         builder
             .runtime_dir(self.dir.clone())

@@ -21,6 +21,7 @@ use pairmask_wire::{
 };
 
 use crate::ingest::Incoming;
+use crate::recording::{RecordTicket, Recorder};
 
 const PAIR_WORDS: u64 = 2;
 const WORD_BYTES: u64 = size_of::<u32>() as u64;
@@ -49,6 +50,8 @@ pub(crate) struct OpenRequest {
     pub(crate) rules: Option<FrameRules>,
     /// Where the ranges of worlds stand in the reply.
     pub(crate) world_ranges: Option<Span>,
+    /// Where it is recorded.
+    record: Option<RecordTicket>,
 }
 
 pub(crate) struct FrameRules {
@@ -89,6 +92,7 @@ impl OpenRequest {
             keep: None,
             rules: None,
             world_ranges: None,
+            record: None,
         }
     }
 
@@ -103,6 +107,11 @@ impl OpenRequest {
 
     pub(crate) fn parse(&self) -> Result<Request, Reject> {
         Request::parse(self.request().header(), self.payload_bytes())
+    }
+
+    /// Records what it asks for, and its answer when that is sent.
+    pub(crate) fn record(&mut self, recorder: &Arc<Recorder>, request: &Request) {
+        self.record = recorder.note(self.request(), request);
     }
 
     pub(crate) fn slot_scene(&mut self, scene: SceneSections) -> Result<(), Reject> {
@@ -237,6 +246,9 @@ impl OpenRequest {
         if let Some(loan) = self.loan.take() {
             let bytes = size_of_val(loan.pages()) as u64;
             self.counts().note_sent(bytes, self.share().used());
+            if let Some(record) = self.record.take() {
+                record.answer(&self.fields, header, loan.pages());
+            }
             self.request().answer(header, loan);
         }
     }

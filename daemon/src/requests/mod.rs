@@ -29,6 +29,7 @@ use crate::clients::{Clients, SceneTotals};
 use crate::execute::{EnginePool, Executor, used_by};
 use crate::ingest::Incoming;
 use crate::publish::{OpenRequest, Outbox};
+use crate::recording::Recorder;
 use crate::serve::{ServeError, ServeSettings};
 
 /// Memory of answers that none of this time needed is given back: longer than a game's menus or a level that loads,
@@ -57,6 +58,7 @@ pub struct Responder {
     shared: SharedScenes,
     pub(crate) outbox: Arc<Outbox>,
     door: Arc<Door>,
+    recorder: Option<Arc<Recorder>>,
     /// Of an answer.
     limit_bytes: u64,
 }
@@ -94,6 +96,7 @@ impl Responder {
         executor: Executor,
         pool: Arc<EnginePool>,
         auditor: Auditor,
+        recorder: Option<Arc<Recorder>>,
     ) -> Result<Self, ServeError> {
         let limits = &settings.daemon.limits;
         // One more is the supervisor.
@@ -121,6 +124,7 @@ impl Responder {
             culls: Culls::new(executor, pool, Arc::clone(&outbox)),
             outbox,
             door,
+            recorder,
             limit_bytes: limits.max_reply_bytes,
         })
     }
@@ -159,6 +163,12 @@ impl Responder {
             matches!(request, Ok(Request::EndScene(_) | Request::LeaveShared(_) | Request::Status));
         if !takes_none && let Err(over) = open.charge_payload() {
             return Err(self.outbox.refuse_and_close(open, over.into()));
+        }
+        if let (Ok(request), Some(recorder)) = (&request, &self.recorder)
+            && !matches!(request, Request::Status)
+            && !self.door.is_supervisor(open.sender.process)
+        {
+            open.record(recorder, request);
         }
         match request {
             Ok(Request::Cull(request)) => return Ok((open, request)),
@@ -205,6 +215,9 @@ impl Responder {
     }
 
     pub fn tidy(&self) {
+        if let Some(recorder) = &self.recorder {
+            recorder.note_sessions(&self.door.sessions());
+        }
         self.culls.tidy(&self.door.segments());
         self.outbox.clients.tidy(|| self.outbox.sessions());
         self.shared.tidy();

@@ -35,12 +35,15 @@ use crate::audit::AuditRate;
 use crate::execute::WatchDevice;
 use crate::execute::gpu::{GpuChoices, OpenError};
 use crate::publish::AlterAnswer;
+use crate::recording::{RecordError, RecordSettings};
 
 #[derive(Clone, Debug)]
 pub struct ServeSettings {
     pub instance: InstanceName,
     pub dir: RuntimeDir,
     pub daemon: DaemonSettings,
+    /// Where the clients' requests are recorded, if anywhere.
+    pub record: Option<RecordSettings>,
     /// Whether this process takes the place of a worker that has served.
     pub restarted: bool,
     /// What becomes of the worker's system calls that are denied.
@@ -176,6 +179,8 @@ pub enum ServeError {
     Transport(#[from] TransportError),
     #[error(transparent)]
     Gpu(#[from] OpenError),
+    #[error(transparent)]
+    Record(#[from] RecordError),
     #[error("the engines' threads cannot be started: {0}")]
     Threads(#[from] rayon::ThreadPoolBuildError),
     #[error("{step}: {source}")]

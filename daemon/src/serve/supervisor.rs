@@ -32,6 +32,7 @@ use super::service_manager::{ServiceManager, without_manager};
 use super::signals::stop_signals;
 use super::{ServeError, ServeSettings, fences};
 use crate::execute::gpu::GpuChoices;
+use crate::recording::RecordSettings;
 
 /// How long to wait for the lock of a supervisor that has exited. One that lives is not waited for.
 const PREDECESSOR_LETS_GO: Duration = Duration::from_secs(1);
@@ -197,6 +198,7 @@ fn spawn_worker(settings: &ServeSettings, restarted: bool) -> Result<Child, Serv
         .args(["--instance", settings.instance.as_str()])
         .args(settings.daemon.flags())
         .args(settings.dir.group().map(|group| format!("--allow-group={group}")))
+        .args(settings.record.iter().flat_map(RecordSettings::flags))
         .args(restarted.then_some("--restarted"))
         .env("PAIRMASK_RUNTIME_DIR", settings.dir.path())
         // Mesa's layer that sorts adapters asks the user's display which one it runs on. A daemon

@@ -31,6 +31,7 @@ use crate::execute::gpu::{DEFAULT_HOLD, GpuChoices, IfMissing, OpenError};
 use crate::execute::{EnginePool, Executor, GpuService};
 use crate::ingest::Intake;
 use crate::locked;
+use crate::recording::{RecordFile, Recorder};
 use crate::requests::{EndWithPanic, Responder};
 use crate::scene::{Scene, SceneName};
 
@@ -43,6 +44,14 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
             .map_err(ServeError::system("installing signal handlers"))?;
     }
     bind_to(supervisor)?;
+    // No file of the user's is opened behind the fences.
+    let file = match &settings.record {
+        // Clients wait for a worker that takes the place of another, recorded or not.
+        Some(record) if settings.restarted => RecordFile::go_on(record)
+            .inspect_err(|error| log::warn!("the recording has ended: {error}"))
+            .ok(),
+        record => record.as_ref().map(RecordFile::create).transpose()?,
+    };
     let fences = fences::raise(settings);
     let beating = Beating::start(&settings.dir, &settings.instance)?;
     survive_cut_memory().map_err(ServeError::system("installing a signal handler"))?;
@@ -88,8 +97,10 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     let executor = Executor::new(gpus).with_engines(isa, calibration);
     let auditor =
         Auditor::start(daemon.audit).map_err(ServeError::system("starting the auditor"))?;
+    let (recorder, recording) = file.map(Recorder::start).transpose()?.unzip();
+    let pools = Arc::clone(&pool);
     let responder =
-        Responder::new(Arc::clone(&door), settings, executor, Arc::clone(&pool), auditor)?;
+        Responder::new(Arc::clone(&door), settings, executor, pools, auditor, recorder)?;
     let intake = Intake::new(Arc::clone(&door));
     let threads = WorkerThreads::new(intake, responder, pool.threads(), settings, &writer, &stop);
     threads.run()?;
@@ -100,6 +111,8 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     // Its threads may have used the devices, which are closed now: until then they stay (`gpu::slot`).
     drop(pool);
     drop(writer);
+    // What was answered is written.
+    drop(recording);
     door.end();
     porter.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
     if let Some(error) = locked(&missing).take() {

@@ -14,6 +14,7 @@ mod gpus;
 mod install_service;
 mod metrics;
 mod mistakes;
+mod replay;
 mod serve;
 mod settings;
 mod status;

@@ -18,7 +18,7 @@ use pairmask_core::scene::{
     Step, UserData, UserDataSets,
 };
 use pairmask_core::units::BoxCount;
-use pairmask_core::{Aabb, Encoding, EncodingChoice, EngineName, Sphere};
+use pairmask_core::{Aabb, BoxForm, Encoding, EncodingChoice, EngineName, Sphere};
 use pairmask_transport::{DaemonRecord, GpuCounts, StatusFile};
 use pairmask_wire::{
     AgreedTerms, CastRequest, CullRequest, EditLayout, JoinRequest, LeaseAction, LeaseRequest,
@@ -29,6 +29,7 @@ use pairmask_wire::{
     write_world_ranges,
 };
 use pairmaskd::cli::object_files::{FileObject, Format, write_objects};
+use pairmaskd::recording::{Answered, Event, Record, RecordFile, RecordSettings, SessionEnd};
 
 /// Where a status file says when it was written.
 const WRITTEN_AT: Range<usize> = 8..16;
@@ -38,7 +39,8 @@ type Seed = (&'static str, String, Vec<u8>);
 
 fn main() -> io::Result<()> {
     let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus");
-    let seeds = [requests(), replies(), scene_files(), files(), short_numbers()].concat();
+    let seeds =
+        [requests(), replies(), scene_files(), files(), recordings()?, short_numbers()].concat();
     for (target, name, bytes) in &seeds {
         fs::create_dir_all(corpus.join(target))?;
         fs::write(corpus.join(target).join(format!("seed-{name}")), bytes)?;
@@ -279,6 +281,55 @@ fn replies() -> Vec<Seed> {
         }
     }
     seeds
+}
+
+/// Recordings: whole ones, and records as the target puts them into a block.
+fn recordings() -> io::Result<Vec<Seed>> {
+    let n = BoxCount::new(7);
+    let header = RequestHeader::cull(1, 2, &CullRequest::of(SceneSections::first(BoxForm::F32, n)));
+    let request = |number, moved: f32| {
+        let boxes: Vec<Aabb> =
+            boxes(7).iter().map(|b| Aabb::new(b.min, b.max.map(|x| x + moved))).collect();
+        let payload = bytemuck::cast_slice(&boxes).to_vec();
+        Event::Request { session: 3, number, header: Box::new(header), payload }
+    };
+    let answered =
+        Answered { engine: 1, total_ns: 5_000, count: 6, digest: 77, ..Answered::default() };
+    let events = [
+        request(1, 0.0),
+        Event::Answer { number: 1, answered },
+        request(2, 0.1),
+        Event::SessionEnded { session: 3, why: SessionEnd::TooFast },
+        Event::WorkerBegan,
+    ];
+    let mut seeds = Vec::new();
+    for (name, blocks) in [("one-block", 1), ("blocks", events.len())] {
+        let file = tempfile::NamedTempFile::new()?;
+        let settings = RecordSettings { file: file.path().to_owned(), most_bytes: u64::MAX };
+        let mut writer = RecordFile::create(&settings).map_err(io::Error::other)?;
+        for (at, event) in events.iter().enumerate() {
+            writer.write(&Record { at_ns: 1_000 * at as u64, event: event.clone() })?;
+            if at + blocks >= events.len() {
+                writer.flush()?;
+            }
+        }
+        seeds.push(("recordings", name.to_owned(), [&[0], &fs::read(file.path())?[..]].concat()));
+    }
+    // Bytes, check, kind, flags, time, session, number, and what follows.
+    let raw = |kind: u32, flags: u32, body: &[u8]| {
+        let words = [body.len() as u32, 0, kind, flags, 9, 0, 3, 0, 1, 0];
+        [bytemuck::cast_slice::<u32, u8>(&words), body].concat()
+    };
+    let planes = [bytemuck::bytes_of(&header), &[0; 168]].concat();
+    let records = [
+        raw(1, 0, &planes),
+        raw(1, 1, &planes),
+        raw(2, 0, &[0; 32]),
+        raw(3, 2, &[]),
+        raw(4, 0, &[]),
+    ];
+    seeds.push(("recordings", "records".to_owned(), [&[1], &records.concat()[..]].concat()));
+    Ok(seeds)
 }
 
 fn scene_files() -> Vec<Seed> {

@@ -8,10 +8,11 @@
 //! questions   queries and casts of a scene, beside the naive model
 //! files       saved scenes, files of objects, the configuration, options, names, the record and the status file of an
 //!             instance
+//! recordings  the file of a recording
 //! culls       objects and rules of a frame, by every engine
 //! ```
 //!
-//! `requests`, `replies` and `files` read their input as it would come. For the others what is checked
+//! `requests`, `replies`, `files` and `recordings` read their input as it would come. For the others what is checked
 //! lies behind lengths and indices that have to fit one another, so they make these from [short](input) numbers, among
 //! them the extreme ones.
 // Not published; a target that fails panics.
@@ -23,6 +24,7 @@ pub mod files;
 pub mod input;
 pub mod masks;
 pub mod questions;
+pub mod recordings;
 pub mod replies;
 pub mod requests;
 mod scene_file;
@@ -30,12 +32,13 @@ mod scene_file;
 /// The name of a target, which its corpus has too, and what it does with an input.
 pub type Target = (&'static str, fn(&[u8]));
 
-pub const TARGETS: [Target; 7] = [
+pub const TARGETS: [Target; 8] = [
     ("culls", culls::decode),
     ("edits", edits::decode),
     ("files", files::decode),
     ("masks", masks::decode),
     ("questions", questions::decode),
+    ("recordings", recordings::decode),
     ("replies", replies::decode),
     ("requests", requests::decode),
 ];

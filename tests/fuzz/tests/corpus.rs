@@ -65,4 +65,4 @@ macro_rules! tests {
     };
 }
 
-tests!(culls edits files masks questions replies requests);
+tests!(culls edits files masks questions recordings replies requests);

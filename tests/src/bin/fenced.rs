@@ -35,6 +35,7 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
             without_fences: without.parse()?,
             ..DaemonSettings::default()
         },
+        record: None,
         restarted: false,
         refusal: Refusal::Fails,
         alter_answers: None,

@@ -28,6 +28,7 @@ fn settings(dir: &Path) -> ServeSettings {
     ServeSettings {
         alter_answers: None,
         watch_devices: None,
+        record: None,
         restarted: false,
         refusal: Refusal::Fails,
         instance: InstanceName::default(),

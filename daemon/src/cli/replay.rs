@@ -1,0 +1,164 @@
+//! `replay`: the requests of a recording, sent again.
+
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use pairmask_core::EngineChoice;
+use serde_json::{Value, json};
+
+use super::machine::Machine;
+use super::options::{CommonOptions, DaemonOptions};
+use super::output::{is_stdout, print_json, print_text, spinner};
+use super::percentiles::{Percentiles, Recorder};
+use super::program::Result;
+use super::target::Target;
+use crate::file_error::{Access, FileError};
+use crate::recording::{ReadError, Recording};
+use crate::replay::{Latencies, Pace, Player, Row, Tally, replay};
+use crate::shown::Shown;
+
+/// Send the requests of a recording again, and compare the answers
+#[derive(Debug, Args)]
+#[command(after_help = "\
+`serve --record` makes recordings. Each request is answered before the next one is sent; every answer has to
+have the pairs, changes or hits of the recorded one. An answer that differs is named, and the exit status is 1.
+
+A daemon is started for the replay unless an instance is named. Times are those in the daemon, when it was
+recorded and now, and the round trip now.
+
+Examples:
+  pairmaskd replay game.pmrec
+  pairmaskd replay game.pmrec --engine cpu-sap --json
+  pairmaskd replay game.pmrec --compare cpu-brute    names the first pair that differs
+  pairmaskd replay game.pmrec --pace --instance world")]
+pub struct Replay {
+    /// The recording, `-` for stdin
+    file: PathBuf,
+    /// Engine of all frames and scenes, auto for the plan's choice [default: as recorded]
+    #[arg(long, value_name = "NAME")]
+    engine: Option<EngineChoice>,
+    /// Send all to this engine too, and compare the answers pair by pair
+    #[arg(long, value_name = "ENGINE")]
+    compare: Option<EngineChoice>,
+    /// Send no request earlier than in the recording
+    #[arg(long)]
+    pace: bool,
+    #[command(flatten)]
+    daemon: DaemonOptions,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+impl Replay {
+    pub fn run(&self, common: &CommonOptions) -> Result {
+        let name = self.file.display();
+        let mut recording = open(&self.file)?;
+        let target = Target::daemon(&self.daemon, common)?;
+        let player = || Player::new(target.dir.clone(), target.instance.clone());
+        let mut players = vec![player().with_engine(self.engine)];
+        if let Some(other) = self.compare {
+            let first = players.remove(0).keeping_entries();
+            players = vec![first, player().with_engine(Some(other)).keeping_entries()];
+        }
+        let pace = if self.pace { Pace::Recorded } else { Pace::Fast };
+        let progress = spinner(&format!("replaying {name}"));
+        let tally = replay(&mut recording, &mut players, pace)
+            .map_err(|error| format!("{name}: {error}"))?;
+        progress.finish_and_clear();
+        if let Some(why) = &tally.ends_early {
+            log::warn!("{name}: {why}: what comes before it is replayed");
+        }
+        if tally.cut_sessions > 0 {
+            let count = tally.cut_sessions;
+            log::warn!(
+                "{name}: {count} sessions were recorded in part; shared scenes may miss them"
+            );
+        }
+        let shown = self.shown(&tally);
+        if self.json { print_json(&shown) } else { print_text(&shown.text) }?;
+        match tally.differing() {
+            0 => Ok(()),
+            differing => Err(format!("{differing} of {} answers differ", tally.requests()).into()),
+        }
+    }
+
+    fn shown(&self, tally: &Tally) -> Shown {
+        let fields = json!({
+            "machine": Machine::this(),
+            "requests": tally.requests(),
+            "differing": tally.differing(),
+            "uncompared": tally.uncompared(),
+            "cut_sessions": tally.cut_sessions,
+            "ends_early": tally.ends_early,
+            "differences": tally.described,
+            "rows": tally.rows().map(|row| self.fields_of(row)).collect::<Vec<_>>(),
+        });
+        Shown { fields, text: self.text(tally) }
+    }
+
+    fn fields_of(&self, row: &Row) -> Value {
+        let Row { kind, requests, differing, uncompared, recorded, played } = row;
+        let times = |times: &Latencies| {
+            json!({
+                "daemon_ns": times.daemon.percentiles(),
+                "round_trip_ns": times.round_trip.percentiles(),
+            })
+        };
+        json!({
+            "kind": kind,
+            "requests": requests,
+            "differing": differing,
+            "uncompared": uncompared,
+            "recorded_ns": recorded.percentiles(),
+            "now": played.first().map(times),
+            "compared": played.get(1).map(times),
+        })
+    }
+
+    fn text(&self, tally: &Tally) -> String {
+        let (requests, differing) = (tally.requests(), tally.differing());
+        let mut text = format!("{requests} requests, {differing} answers differ");
+        match tally.uncompared() {
+            0 => {}
+            uncompared => text += &format!(", {uncompared} were not recorded"),
+        }
+        let mut heads = vec!["recorded".to_owned(), "now".into(), "round trip".into()];
+        if let Some(engine) = self.compare {
+            heads.extend([format!("{engine}"), "round trip".into()]);
+        }
+        text += &format!("\n\n{:<9}{:>9}", "µs", "");
+        heads.iter().for_each(|head| text += &format!("{head:>20}"));
+        text += &format!("\n{:<9}{:>9}", "", "requests");
+        heads.iter().for_each(|_| text += &format!("{:>10}{:>10}", "p50", "p99"));
+        for row in tally.rows() {
+            text += &format!("\n{:<9}{:>9}", row.kind.plural(), row.requests);
+            let played = row.played.iter().flat_map(|times| [&times.daemon, &times.round_trip]);
+            for recorder in std::iter::once(&row.recorded).chain(played) {
+                text += &columns(recorder);
+            }
+        }
+        for difference in &tally.described {
+            text += &format!("\n{difference}");
+        }
+        text
+    }
+}
+
+fn columns(recorder: &Recorder) -> String {
+    let Percentiles { p50, p99, .. } = recorder.percentiles();
+    [p50, p99].map(|ns| format!("{:>10.1}", ns as f64 / 1e3)).concat()
+}
+
+fn open(path: &Path) -> Result<Recording<Box<dyn Read>>> {
+    let from: Box<dyn Read> = if is_stdout(path) {
+        Box::new(std::io::stdin().lock())
+    } else {
+        let file = File::open(path).map_err(FileError::of(path, Access::Read))?;
+        Box::new(BufReader::new(file))
+    };
+    let named = |error: ReadError| format!("{}: {error}", path.display());
+    Ok(Recording::open(from).map_err(named)?)
+}
