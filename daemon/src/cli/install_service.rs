@@ -42,7 +42,7 @@ enum UnitError {
         "{}: it was not written by this command: remove it first, if it may go", path.display()
     )]
     NotOurs { path: PathBuf },
-    #[error("this program's path cannot be written in a unit: {path:?}: move it elsewhere")]
+    #[error("{}: this path cannot be written in a unit: move the program", path.display())]
     Path { path: PathBuf },
     #[error("this program's path is not known: {0}")]
     NoPath(#[source] io::Error),

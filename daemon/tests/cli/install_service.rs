@@ -25,7 +25,7 @@ impl Home {
 
     fn run(&self, flags: &str) -> Finished {
         let line = format!("install-service {flags}");
-        run_with(&self.sandbox, &line, &[("XDG_CONFIG_HOME", &self.config)])
+        run_with(&self.sandbox, &line, &[("XDG_CONFIG_HOME", self.config.as_str())])
     }
 
     fn unit(&self, name: &str) -> PathBuf {

@@ -1,5 +1,6 @@
 //! `serve`: one daemon an instance, stopped by signals, restarted when it crashes.
 
+use std::path::Path;
 use std::process::{Child, Stdio};
 
 use pairmask_transport::RuntimeDir;
@@ -25,7 +26,8 @@ fn assert_leaves_nothing(sandbox: &Sandbox) {
     let dir = RuntimeDir::at(sandbox.path());
     assert!(dir.instances().is_empty());
     let prefix = dir.shm_prefix(&InstanceName::default());
-    for (folder, beginning) in [(sandbox.path(), "default."), ("/dev/shm".as_ref(), &prefix)] {
+    let names = [(sandbox.path(), "default."), (Path::new("/dev/shm"), prefix.as_str())];
+    for (folder, beginning) in names {
         let entries = std::fs::read_dir(folder).unwrap().flatten();
         let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
         let left: Vec<_> = names.filter(|name| name.starts_with(beginning)).collect();
