@@ -34,6 +34,7 @@ pub mod shape;
 mod skipped;
 mod status;
 pub mod target;
+mod terminal;
 mod top;
 pub mod usage;
 pub mod whole_number;

@@ -10,9 +10,10 @@ use serde_json::{Value, json};
 
 use super::machine::Machine;
 use super::options::{CommonOptions, DaemonOptions};
-use super::output::{is_stdout, print_json, print_text, spinner};
+use super::output::{is_stdout, print_json, print_text};
 use super::percentiles::{Percentiles, Recorder};
 use super::program::Result;
+use super::progress::spinner;
 use super::target::Target;
 use crate::file_error::{Access, FileError};
 use crate::recording::{ReadError, Recording};

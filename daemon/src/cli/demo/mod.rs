@@ -9,7 +9,6 @@ mod drawing;
 mod figures;
 mod peers;
 mod picture;
-mod screen;
 mod world;
 
 use std::num::{NonZeroU32, NonZeroU64};
@@ -23,16 +22,17 @@ use pairmask::{Backend, ServedBy, Session};
 use pairmask_core::oracle::check::check_pairs;
 use pairmask_core::oracle::{Pair, truth};
 use ratatui::buffer::Buffer;
+use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use ratatui::layout::Rect;
 use rustix::process::{Pid, Signal, kill_process};
 
 use self::figures::{Figures, Kill};
 use self::peers::{ParryTree, naive};
-use self::screen::Screen;
 use self::world::{STEP, World};
 use super::options::{CommonOptions, DaemonOptions};
 use super::output::{OutputError, print_aside, print_json, print_text, write_file};
 use super::program::{Result, WrongUsage};
+use super::terminal::{Screen, Waited, can_draw, has_colours};
 use super::whole_number::whole_number;
 use crate::spawn::PrivateDaemon;
 
@@ -270,7 +270,7 @@ struct Display {
 
 impl Display {
     fn open(json: bool) -> Result<Self> {
-        let draws = !json && screen::can_draw();
+        let draws = !json && can_draw() && has_colours();
         let screen = draws.then(Screen::open).transpose().map_err(OutputError::Io)?;
         let now = Instant::now();
         Ok(Self { screen, to_stderr: json, next_frame: now, next_line: now + LINE_INTERVAL })
@@ -282,9 +282,18 @@ impl Display {
         self.next_frame = (self.next_frame + Duration::from_secs_f32(STEP)).max(Instant::now());
         if let Some(screen) = &mut self.screen {
             if show.figures.frames.is_multiple_of(FRAMES_A_DRAWING) {
-                screen.draw(&show.world, &show.figures).map_err(OutputError::Io)?;
+                let (world, figures) = (&show.world, &show.figures);
+                let draw = screen.draw(|frame| drawing::draw(frame.buffer_mut(), world, figures));
+                draw.map_err(OutputError::Io)?;
             }
-            return Ok(screen.wait(self.next_frame).map_err(OutputError::Io)?);
+            loop {
+                match screen.wait(self.next_frame).map_err(OutputError::Io)? {
+                    Waited::Due => return Ok(false),
+                    Waited::Stop => return Ok(true),
+                    Waited::Key(key) if is_quit(key) => return Ok(true),
+                    Waited::Key(_) | Waited::Other => {}
+                }
+            }
         }
         let now = Instant::now();
         if now >= self.next_line {
@@ -295,4 +304,14 @@ impl Display {
         std::thread::sleep(self.next_frame.saturating_duration_since(Instant::now()));
         Ok(false)
     }
+}
+
+/// Whether a key ends the demo: q, Escape or Ctrl-C, which is a key here.
+fn is_quit(key: KeyEvent) -> bool {
+    let is_its = match key.code {
+        KeyCode::Char('q') | KeyCode::Esc => true,
+        KeyCode::Char('c') => key.modifiers.contains(KeyModifiers::CONTROL),
+        _ => false,
+    };
+    is_its && key.kind != KeyEventKind::Release
 }

@@ -5,33 +5,34 @@
 //! view    what the user has chosen, and keys      (pure)
 //! table   rows, their order, columns              (pure)
 //! draw    the screen, from two looks and the view (pure)
-//! screen  the terminal
 //! ```
 
 mod draw;
-mod screen;
 mod table;
 mod view;
 
 use std::fmt::Write;
-use std::io::IsTerminal;
 use std::num::NonZeroU32;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use clap::Args;
 use pairmask_transport::{DaemonRecord, RuntimeDir};
 use pairmask_wire::InstanceName;
 use serde_json::json;
 
-use self::draw::{Source, Styles};
-use self::screen::Screen;
+use self::draw::{Source, Styles, draw};
 use self::table::{LEAST_WIDTH, Selection, head, line, long_time};
+use self::view::{Then, View};
 use super::options::CommonOptions;
 use super::output::{OutputError, print_json, print_text, size_text};
-use super::program::{Fault, Result};
+use super::program::Result;
 use super::rates::{Look, Rates};
 use super::status::{none_answers, records};
+use super::terminal::{Screen, Waited, can_draw, has_colours};
 use super::whole_number::whole_number;
+
+/// The second look comes after this time at the latest.
+const FIRST_INTERVAL: Duration = Duration::from_millis(300);
 
 /// Width of the plain table: that of the widest columns.
 const PLAIN_WIDTH: usize = 132;
@@ -67,7 +68,7 @@ impl Top {
         let watched = Watched::find(&dir, common.named_instance().as_ref())?;
         let interval = Duration::from_millis(self.interval.get().into());
         let look = || watched.look(interval);
-        if self.json || self.once || !has_terminal() {
+        if self.json || self.once || !can_draw() {
             let before = look()?.1.unwrap_or_default();
             std::thread::sleep(interval);
             let (source, now) = look()?;
@@ -90,16 +91,43 @@ impl Top {
             }
             return Ok(print_text(plain(&source, &rates).trim_end())?);
         }
-        let has_colours = std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
-        let mut screen = Screen::open()?;
-        screen.show::<Fault>(interval, Styles::new(has_colours), look)
+        show(&mut Screen::open()?, interval, Styles::new(has_colours()), look)
     }
 }
 
-/// Whether stdout is a terminal that can be drawn on.
-fn has_terminal() -> bool {
-    let is_dumb = std::env::var_os("TERM").is_none_or(|term| term == "dumb");
-    std::io::stdout().is_terminal() && !is_dumb
+/// Shows looks, one each interval, until the user quits or a signal comes.
+fn show(
+    screen: &mut Screen,
+    interval: Duration,
+    styles: Styles,
+    mut look: impl FnMut() -> Result<(Source, Option<Look>)>,
+) -> Result {
+    let mut view = View::default();
+    let (mut source, first) = look()?;
+    let (mut now, mut before) = (first.unwrap_or_default(), None);
+    // There are no rates before the second look.
+    let mut due = Instant::now() + interval.min(FIRST_INTERVAL);
+    loop {
+        let mut most_scroll = 0;
+        let looks = (&now, before.as_ref());
+        screen.draw(|frame| most_scroll = draw(frame, looks, &source, &view, styles))?;
+        view.scroll = view.scroll.min(most_scroll);
+        match screen.wait(due)? {
+            Waited::Stop => return Ok(()),
+            Waited::Key(key) if view.press(key) == Then::Quit => return Ok(()),
+            Waited::Key(_) | Waited::Other | Waited::Due => {}
+        }
+        if Instant::now() >= due {
+            due = Instant::now() + interval;
+            let (next_source, next) = look()?;
+            if !view.is_paused {
+                source = next_source;
+                if let Some(next) = next {
+                    before = Some(std::mem::replace(&mut now, next));
+                }
+            }
+        }
+    }
 }
 
 /// The instance that is watched.
