@@ -59,6 +59,7 @@ pub struct TotalRates {
 }
 
 /// Mean times of a request, ns; `None` where there was none.
+#[allow(clippy::struct_field_names)] // Those of the JSON.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct StageMeans {
     pub wait_ns: Option<u64>,

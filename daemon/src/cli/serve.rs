@@ -76,7 +76,7 @@ pub struct Serve {
     /// wrongly or not at all, ms; 0 never [default: 3000]
     #[arg(long, value_parser = whole_number::<u32>, env = "PAIRMASK_PROBE_MS", value_name = "N")]
     probe_ms: Option<u32>,
-    /// Keep a file of metrics up to date, for the textfile collector of node_exporter
+    /// Keep a file of metrics up to date, for the textfile collector of `node_exporter`
     #[arg(long, env = "PAIRMASK_METRICS_FILE", value_name = "FILE")]
     metrics_file: Option<PathBuf>,
     /// Record what clients send, and a digest of each answer, in a file for `replay`. A recording of that name is

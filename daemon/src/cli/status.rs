@@ -43,7 +43,7 @@ pub struct Status {
     /// Print one JSON object
     #[arg(long)]
     json: bool,
-    /// Print metrics as OpenMetrics text
+    /// Print metrics, as `OpenMetrics` text
     #[arg(long, conflicts_with = "json")]
     metrics: bool,
 }

@@ -1,4 +1,4 @@
-//! A file of metrics that is kept up to date: for the textfile collector of node_exporter.
+//! A file of metrics that is kept up to date: for the textfile collector of `node_exporter`.
 
 use std::fs::Permissions;
 use std::io::{self, Write};

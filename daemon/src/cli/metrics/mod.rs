@@ -1,4 +1,4 @@
-//! Metrics of instances as text: OpenMetrics 1.0, or the older text of Prometheus that node_exporter reads from files.
+//! Metrics of instances as text: `OpenMetrics` 1.0, or the older text of Prometheus that `node_exporter` reads from files.
 //!
 //! All are of counters and status files that daemons write anyway: none is asked.
 

@@ -1,5 +1,7 @@
 //! The screen, drawn from two looks at the counters and the view: nothing else.
 
+use std::fmt::Write;
+
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
@@ -244,14 +246,15 @@ fn footer(rows: &[Row], view: &View, height: usize, styles: Styles) -> Line<'sta
     }
     let order = if selection.is_reversed { ", reversed" } else { "" };
     let mut text = format!("q quit  s sort: {}{order}  r reverse", selection.sort.as_str());
+    // Writing to a string cannot fail.
     match selection.filter.as_str() {
         "" => text.push_str("  / filter"),
-        filter => text.push_str(&format!("  / filter: {filter}")),
+        filter => _ = write!(text, "  / filter: {filter}"),
     }
     text.push_str("  p pause  ? help");
     let room = height.saturating_sub(1);
     if rows.len() > room {
-        text.push_str(&format!("  {} rows", rows.len()));
+        let _ = write!(text, "  {} rows", rows.len());
     }
     Line::from(text)
 }
