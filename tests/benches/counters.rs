@@ -107,7 +107,7 @@ fn reading(options: &Options) {
     let daemon = daemon(GpuChoice::None).expect("a daemon");
     let mut session = daemon.session().answer_repeats(false).connect().expect("it serves");
     let scenes: Vec<_> =
-        (0..4).map(|seed| stress_scenes::named("uniform").boxes(options.n, seed)).collect();
+        (0..4).map(|seed| stress_scenes::named("uniform").boxes(options.n as u32, seed)).collect();
     turn(&mut session, &scenes, options.frames);
     let (dir, name) = (daemon.dir(), daemon.instance());
     let interval = Duration::from_secs_f64(1.0 / options.hertz);

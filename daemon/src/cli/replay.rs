@@ -1,5 +1,6 @@
 //! `replay`: the requests of a recording, sent again.
 
+use std::fmt::Write;
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -40,7 +41,7 @@ pub struct Replay {
     /// Engine of all frames and scenes, auto for the plan's choice [default: as recorded]
     #[arg(long, value_name = "NAME")]
     engine: Option<EngineChoice>,
-    /// Send all to this engine too, and compare the answers pair by pair
+    /// Send all to this engine too, in a daemon of its own, and compare the answers pair by pair
     #[arg(long, value_name = "ENGINE")]
     compare: Option<EngineChoice>,
     /// Send no request earlier than in the recording
@@ -58,11 +59,13 @@ impl Replay {
         let name = self.file.display();
         let mut recording = open(&self.file)?;
         let target = Target::daemon(&self.daemon, common)?;
-        let player = || Player::new(target.dir.clone(), target.instance.clone());
-        let mut players = vec![player().with_engine(self.engine)];
-        if let Some(other) = self.compare {
+        let player = |target: &Target| Player::new(target.dir.clone(), target.instance.clone());
+        let mut players = vec![player(&target).with_engine(self.engine)];
+        // Shared scenes have the same names: they are to meet in no daemon.
+        let other = self.compare.map(|_| Target::private(&self.daemon, common)).transpose()?;
+        if let Some(other) = &other {
             let first = players.remove(0).keeping_entries();
-            players = vec![first, player().with_engine(Some(other)).keeping_entries()];
+            players = vec![first, player(other).with_engine(self.compare).keeping_entries()];
         }
         let pace = if self.pace { Pace::Recorded } else { Pace::Fast };
         let progress = spinner(&format!("replaying {name}"));
@@ -95,57 +98,61 @@ impl Replay {
             "cut_sessions": tally.cut_sessions,
             "ends_early": tally.ends_early,
             "differences": tally.described,
-            "rows": tally.rows().map(|row| self.fields_of(row)).collect::<Vec<_>>(),
+            "rows": tally.rows().map(fields_of).collect::<Vec<_>>(),
         });
         Shown { fields, text: self.text(tally) }
     }
 
-    fn fields_of(&self, row: &Row) -> Value {
-        let Row { kind, requests, differing, uncompared, recorded, played } = row;
-        let times = |times: &Latencies| {
-            json!({
-                "daemon_ns": times.daemon.percentiles(),
-                "round_trip_ns": times.round_trip.percentiles(),
-            })
-        };
-        json!({
-            "kind": kind,
-            "requests": requests,
-            "differing": differing,
-            "uncompared": uncompared,
-            "recorded_ns": recorded.percentiles(),
-            "now": played.first().map(times),
-            "compared": played.get(1).map(times),
-        })
-    }
-
+    // Writing to a string cannot fail.
     fn text(&self, tally: &Tally) -> String {
         let (requests, differing) = (tally.requests(), tally.differing());
         let mut text = format!("{requests} requests, {differing} answers differ");
-        match tally.uncompared() {
-            0 => {}
-            uncompared => text += &format!(", {uncompared} were not recorded"),
+        if tally.uncompared() > 0 {
+            let _ = write!(text, ", {} were not recorded", tally.uncompared());
         }
         let mut heads = vec!["recorded".to_owned(), "now".into(), "round trip".into()];
         if let Some(engine) = self.compare {
             heads.extend([format!("{engine}"), "round trip".into()]);
         }
-        text += &format!("\n\n{:<9}{:>9}", "µs", "");
-        heads.iter().for_each(|head| text += &format!("{head:>20}"));
-        text += &format!("\n{:<9}{:>9}", "", "requests");
-        heads.iter().for_each(|_| text += &format!("{:>10}{:>10}", "p50", "p99"));
+        let _ = write!(text, "\n\n{:<9}{:>9}", "µs", "");
+        for head in &heads {
+            let _ = write!(text, "{head:>20}");
+        }
+        let _ = write!(text, "\n{:<9}{:>9}", "", "requests");
+        for _ in &heads {
+            let _ = write!(text, "{:>10}{:>10}", "p50", "p99");
+        }
         for row in tally.rows() {
-            text += &format!("\n{:<9}{:>9}", row.kind.plural(), row.requests);
+            let _ = write!(text, "\n{:<9}{:>9}", row.kind.plural(), row.requests);
             let played = row.played.iter().flat_map(|times| [&times.daemon, &times.round_trip]);
             for recorder in std::iter::once(&row.recorded).chain(played) {
-                text += &columns(recorder);
+                let _ = write!(text, "{}", columns(recorder));
             }
         }
         for difference in &tally.described {
-            text += &format!("\n{difference}");
+            let _ = write!(text, "\n{difference}");
         }
         text
     }
+}
+
+fn fields_of(row: &Row) -> Value {
+    let Row { kind, requests, differing, uncompared, recorded, played } = row;
+    let times = |times: &Latencies| {
+        json!({
+            "daemon_ns": times.daemon.percentiles(),
+            "round_trip_ns": times.round_trip.percentiles(),
+        })
+    };
+    json!({
+        "kind": kind,
+        "requests": requests,
+        "differing": differing,
+        "uncompared": uncompared,
+        "recorded_ns": recorded.percentiles(),
+        "now": played.first().map(times),
+        "compared": played.get(1).map(times),
+    })
 }
 
 fn columns(recorder: &Recorder) -> String {

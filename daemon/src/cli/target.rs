@@ -47,12 +47,19 @@ impl Target {
 
     /// The instance that the user named, else a private daemon.
     pub fn daemon(daemon: &DaemonOptions, common: &CommonOptions) -> Result<Self, SpawnError> {
-        let backend = Backend::Daemon;
-        if let Some(instance) = common.named_instance() {
-            return Ok(Self { dir: common.runtime_dir(), instance, backend, _daemon: None });
+        match common.named_instance() {
+            None => Self::private(daemon, common),
+            Some(instance) => {
+                let (dir, backend) = (common.runtime_dir(), Backend::Daemon);
+                Ok(Self { dir, instance, backend, _daemon: None })
+            }
         }
+    }
+
+    /// A private daemon.
+    pub fn private(daemon: &DaemonOptions, common: &CommonOptions) -> Result<Self, SpawnError> {
         let daemon = PrivateDaemon::start_self(&daemon.private(common))?;
-        let (dir, instance) = (daemon.dir(), daemon.instance());
+        let (dir, instance, backend) = (daemon.dir(), daemon.instance(), Backend::Daemon);
         Ok(Self { dir, instance, backend, _daemon: Some(daemon) })
     }
 

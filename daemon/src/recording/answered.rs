@@ -123,12 +123,16 @@ pub fn entries(
 
 fn changes(request: &SceneRequest, reply: &SceneReply, words: &[u32], mut each: impl FnMut(Entry)) {
     let pairs_in = |span| SceneAnswerLayout::pairs_in(span, words);
-    pairs_in(&reply.layout.begun).iter().for_each(|[a, b]| each([BEGUN, *a, *b, 0]));
+    for [a, b] in pairs_in(&reply.layout.begun) {
+        each([BEGUN, *a, *b, 0]);
+    }
     for ended in reply.layout.ended_in(words, request.most_boxes) {
         let [a, b] = ended.pair;
         each([ENDED, a, b, ended.reason as u32]);
     }
-    pairs_in(&reply.layout.pairs).iter().for_each(|[a, b]| each([PAIRS, *a, *b, 0]));
+    for [a, b] in pairs_in(&reply.layout.pairs) {
+        each([PAIRS, *a, *b, 0]);
+    }
     if reply.is_resync {
         each([RESYNC, 0, 0, 0]);
     }

@@ -186,7 +186,9 @@ impl Tally {
     pub(super) fn end(&mut self) {
         let mut open: Vec<(u64, Open)> = self.open.drain().collect();
         open.sort_unstable_by_key(|(number, _)| *number);
-        open.iter().for_each(|(number, open)| self.count(*number, open));
+        for (number, open) in &open {
+            self.count(*number, open);
+        }
     }
 
     fn count(&mut self, number: u64, open: &Open) {

@@ -1,4 +1,4 @@
-//! What a daemon reports to the service manager that started it, by the protocol of sd_notify(3): that it serves, that
+//! What a daemon reports to the service manager that started it, by the protocol of `sd_notify(3)`: that it serves, that
 //! it stops, and now and then that its worker is alive.
 //!
 //! Each message is a datagram to the socket that `NOTIFY_SOCKET` names, a path or an abstract name. Without the

@@ -13,7 +13,7 @@ use crate::support::{Sandbox, Serving, eventually};
 /// A sample: its name, its labels and its value.
 type Sample = (String, BTreeMap<String, String>, f64);
 
-/// A sample of a line, by the grammar of OpenMetrics without timestamps and exemplars.
+/// A sample of a line, by the grammar of `OpenMetrics` without timestamps and exemplars.
 fn sample(line: &str) -> Result<Sample, String> {
     let wrong = |what: &str| format!("{what}: {line}");
     let end = line.find(['{', ' ']).ok_or_else(|| wrong("no value"))?;
@@ -59,7 +59,7 @@ fn sample(line: &str) -> Result<Sample, String> {
     Ok((name.to_owned(), labels, value.ok_or_else(|| wrong("no value"))?))
 }
 
-/// Checks that a text is OpenMetrics 1.0, as far as gauges and counters go: its samples.
+/// Checks that a text is `OpenMetrics` 1.0, as far as gauges and counters go: its samples.
 fn openmetrics(text: &str) -> Result<Vec<Sample>, String> {
     let body = text.strip_suffix("# EOF\n").ok_or("it does not end with # EOF")?;
     let (mut samples, mut seen): (Vec<Sample>, BTreeSet<String>) = Default::default();
@@ -81,9 +81,9 @@ fn openmetrics(text: &str) -> Result<Vec<Sample>, String> {
             }
             match what {
                 "TYPE" if ["gauge", "counter"].contains(&value) && family.1.is_empty() => {
-                    family.1 = value.to_owned();
+                    value.clone_into(&mut family.1);
                 }
-                "UNIT" if name.ends_with(&format!("_{value}")) => family.2 = value.to_owned(),
+                "UNIT" if name.ends_with(&format!("_{value}")) => value.clone_into(&mut family.2),
                 "HELP" if !value.is_empty() => {}
                 _ => return wrong("wrong metadata"),
             }
@@ -103,7 +103,7 @@ fn openmetrics(text: &str) -> Result<Vec<Sample>, String> {
         // Base units: seconds and bytes are told by name, and nothing is in thousands of them.
         let last = family.0.rsplit('_').next().unwrap_or_default();
         if ["ns", "us", "ms", "kib", "mib", "percent", "total"].contains(&last)
-            || ["seconds", "bytes"].contains(&last) != !family.2.is_empty()
+            || ["seconds", "bytes"].contains(&last) == family.2.is_empty()
         {
             return wrong("no base unit");
         }

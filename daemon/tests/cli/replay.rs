@@ -40,7 +40,9 @@ fn falsify(from: &Path, to: &Path) {
     answers.take(1).for_each(|answered| answered.count += 1);
     let settings = RecordSettings { file: to.to_owned(), most_bytes: u64::MAX };
     let mut file = RecordFile::create(&settings).unwrap();
-    records.iter().for_each(|record| drop(file.write(record).unwrap()));
+    for record in &records {
+        file.write(record).unwrap();
+    }
     file.flush().unwrap();
 }
 

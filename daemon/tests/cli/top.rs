@@ -10,7 +10,7 @@ use crate::support::{Sandbox, Serving, eventually, keys, names};
 fn with_load(serving: &Serving, work: impl FnOnce()) {
     let mut session = serving.session();
     let boxes = [0.0_f32, 0.5, 1.0].map(|x| Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0]));
-    let mut frame = |session: &mut pairmask::Session| {
+    let frame = |session: &mut pairmask::Session| {
         let mut frame = session.frame(3).unwrap();
         frame.write(&boxes).unwrap();
         frame.submit().unwrap().wait().unwrap();

@@ -97,9 +97,8 @@ fn converted<T: FileObject>(bytes: &[u8], format: Format) {
             let numbers = |objects: &[T]| {
                 let numbers: &[f32] = bytemuck::cast_slice(objects);
                 // Text keeps that a number is NaN, and not which one.
-                Vec::from_iter(
-                    numbers.iter().map(|x| if x.is_nan() { u32::MAX } else { x.to_bits() }),
-                )
+                let bits = numbers.iter().map(|x| if x.is_nan() { u32::MAX } else { x.to_bits() });
+                bits.collect::<Vec<_>>()
             };
             assert_eq!(numbers(&again), numbers(&read));
         }

@@ -305,7 +305,7 @@ mod tests {
         let look = |second: u64| {
             let frames = 300 * second;
             let mut all: Vec<_> =
-                (3..clients + 1).map(|n| client(n, "crowd", n * second)).collect();
+                (3..=clients).map(|n| client(n, "crowd", n * second)).collect();
             all.extend([client(1, "falling_boxes", 240 * second), client(2, "game", 60 * second)]);
             all.truncate(clients as usize);
             let scene = SceneCounts {
@@ -372,7 +372,7 @@ mod tests {
     fn lines(screen: &TestBackend) -> Vec<String> {
         let buffer = screen.buffer();
         let cells: Vec<&str> = buffer.content().iter().map(ratatui::buffer::Cell::symbol).collect();
-        cells.chunks(usize::from(buffer.area.width)).map(|row| row.concat()).collect()
+        cells.chunks(usize::from(buffer.area.width)).map(<[&str]>::concat).collect()
     }
 
     #[test]
