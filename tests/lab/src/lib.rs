@@ -8,6 +8,7 @@
 pub mod cli;
 mod gpu_stages;
 mod processes;
+pub mod programs;
 pub mod sabotage;
 mod soak;
 pub mod stress;

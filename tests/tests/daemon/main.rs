@@ -13,6 +13,7 @@ mod full_shm;
 mod margined_scenes;
 mod precision;
 mod queries;
+mod recordings;
 mod repeats;
 mod reply_limits;
 mod saved_scenes;

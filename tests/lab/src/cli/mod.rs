@@ -5,6 +5,7 @@
 
 mod accuracy;
 pub(crate) mod load;
+mod program;
 mod soak;
 mod stress;
 mod studies;
@@ -14,7 +15,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory, Parser, Subcommand};
 use pairmaskd::cli::options::CommonOptions;
 use pairmaskd::cli::shape::{ALL, Shape, shaped};
-use pairmaskd::cli::{machine, output, program, serve};
+use pairmaskd::cli::{machine, output, program as process, serve};
 
 use self::studies::Measured;
 use crate::processes;
@@ -36,6 +37,7 @@ Examples:
   pairmask-lab accuracy --out report           precision modes: time beside extra pairs
   pairmask-lab load --rate closed,60,240       clients at a pace, several at a time
   pairmask-lab soak --seconds 7200             a mixed load on a daemon, and whether its worker stays flat
+  pairmask-lab program city                    a client to record
   pairmask-lab papers --only-records           the papers' tables and figures, theirs beside ours
 
 Exit status: 0 done; 1 it failed or a check failed; 2 the command line or configuration is wrong.";
@@ -53,6 +55,7 @@ enum Command {
     Threads(Measured<studies::ThreadsBench>),
     Spheres(Measured<studies::Spheres>),
     Papers(Measured<studies::Papers>),
+    Program(program::Program),
     /// A client process of `load`, `soak` and `stress`.
     #[command(hide = true)]
     Client {
@@ -83,7 +86,7 @@ fn command() -> clap::Command {
 
 /// Runs the command of this process. Call it first in `main`: it sets the process up.
 pub fn main() -> ExitCode {
-    program::run(&command(), run)
+    process::run(&command(), run)
 }
 
 fn run(Cli { common, command }: &Cli) -> crate::Result<()> {
@@ -101,6 +104,7 @@ fn run(Cli { common, command }: &Cli) -> crate::Result<()> {
         Command::Threads(threads) => threads.run(common),
         Command::Spheres(spheres) => spheres.run(common),
         Command::Papers(papers) => papers.run(common),
+        Command::Program(program) => program.run(common),
         Command::Client { job } => Ok(processes::work(job)?),
         Command::Serve(serve) => Ok(serve.run(common, None)?),
     }
