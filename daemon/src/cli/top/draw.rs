@@ -304,8 +304,7 @@ mod tests {
     fn looks(clients: u64) -> (Look, Look) {
         let look = |second: u64| {
             let frames = 300 * second;
-            let mut all: Vec<_> =
-                (3..=clients).map(|n| client(n, "crowd", n * second)).collect();
+            let mut all: Vec<_> = (3..=clients).map(|n| client(n, "crowd", n * second)).collect();
             all.extend([client(1, "falling_boxes", 240 * second), client(2, "game", 60 * second)]);
             all.truncate(clients as usize);
             let scene = SceneCounts {
@@ -401,7 +400,7 @@ mod tests {
     fn a_large_screen_has_more_columns() {
         let lines = lines(&screen(160, 50, 2, &View::default(), true));
         let head = lines.iter().find(|line| line.starts_with("CLIENT")).unwrap();
-        for title in ["PID", "THR", "TOTAL", "IN/S", "OUT/S", "ERR"] {
+        for title in ["PID", "TH", "TOTAL", "IN/S", "OUT/S", "ERR"] {
             assert!(head.contains(title), "{title}: {head}");
         }
         assert!(
@@ -437,9 +436,9 @@ mod tests {
     #[test]
     fn what_is_typed_and_chosen_is_shown() {
         let mut view = View { is_typing: true, ..View::default() };
-        view.selection.filter = "gam".to_owned();
+        view.selection.filter = "ga".to_owned();
         let typing = lines(&screen(80, 24, 9, &view, false));
-        assert!(typing[23].starts_with("filter: gam_"));
+        assert!(typing[23].starts_with("filter: ga_"));
         assert!(typing[7].starts_with("game #2") && typing[8].starts_with(" scene 4"));
         assert_eq!(typing[9].trim(), "");
         view.is_typing = false;

@@ -225,7 +225,7 @@ const COLUMNS: [Column; 19] = [
     Column::new("MOVE", 4, |row| percent(row.moved_share)).by(SortKey::Moved),
     Column::new("PAIRS", 5, |row| count(row.pairs)).by(SortKey::Pairs),
     Column::new(LEFT, 9, |row| row.engine.unwrap_or("-").to_owned()),
-    Column::new("THR", 3, |row| optional(row.threads)).at_least(WIDE),
+    Column::new("TH", 3, |row| optional(row.threads)).at_least(WIDE),
     Column::new("FRM/S", 5, |row| rate(row.rate)).by(SortKey::Frames),
     Column::new("WAIT", 4, |row| micros(row.stages.wait_ns)),
     Column::new("INGE", 4, |row| micros(row.stages.ingest_ns)),
@@ -452,7 +452,7 @@ mod tests {
     fn a_filter_leaves_those_whose_name_process_or_engine_has_it() {
         let having =
             |filter: &str| labels(&Selection { filter: filter.to_owned(), ..Selection::default() });
-        assert_eq!(having("GAM"), "game #2, scene 1, scene 2");
+        assert_eq!(having("GA"), "game #2, scene 1, scene 2");
         assert_eq!(having("4003"), "zoo #3");
         assert_eq!(having("#1"), "arm #1");
         assert_eq!(having("gpu"), "");
