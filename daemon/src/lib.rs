@@ -13,6 +13,7 @@ pub mod execute;
 pub mod explain;
 pub mod file_error;
 mod ingest;
+pub mod percentiles;
 pub mod precision;
 mod publish;
 pub mod recording;

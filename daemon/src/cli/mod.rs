@@ -22,7 +22,6 @@ mod metrics;
 pub mod object_files;
 pub mod options;
 pub mod output;
-pub mod percentiles;
 pub mod program;
 pub mod progress;
 mod rates;

@@ -7,7 +7,9 @@ use std::time::{Duration, Instant};
 
 use ratatui::crossterm::event::{self, Event, KeyEvent};
 use ratatui::{DefaultTerminal, Frame};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+use signal_hook::consts::{SIGINT, SIGTERM};
 
 /// Keys are waited for so long at a time: a signal is noticed as soon.
 const LOOK_FOR_KEYS: Duration = Duration::from_millis(100);
@@ -38,7 +40,7 @@ pub enum Waited {
     Key(KeyEvent),
     /// The terminal has another size, say: it is to be drawn anew.
     Other,
-    /// A signal that ends programs.
+    /// A signal that ends programs, or the terminal is gone.
     Stop,
 }
 
@@ -46,7 +48,8 @@ impl Screen {
     /// Takes the terminal over. Nothing is logged meanwhile: lines would go across the picture.
     pub fn open() -> io::Result<Self> {
         let stop = Arc::new(AtomicBool::new(false));
-        for signal in [SIGINT, SIGTERM, SIGHUP] {
+        // By SIGHUP, which says that the terminal is gone, the process ends at once.
+        for signal in [SIGINT, SIGTERM] {
             signal_hook::flag::register(signal, Arc::clone(&stop))?;
         }
         let log_level = log::max_level();
@@ -66,11 +69,11 @@ impl Screen {
                 return Ok(Waited::Stop);
             }
             let left = due.saturating_duration_since(Instant::now());
-            let has_event = match event::poll(left.min(LOOK_FOR_KEYS)) {
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => false,
-                has_event => has_event?,
-            };
-            if has_event {
+            // Of a terminal that is gone the library would read the end for ever.
+            if !has_terminal(left.min(LOOK_FOR_KEYS))? {
+                return Ok(Waited::Stop);
+            }
+            if event::poll(Duration::ZERO)? {
                 return Ok(match event::read()? {
                     Event::Key(key) => Waited::Key(key),
                     _ => Waited::Other,
@@ -81,6 +84,18 @@ impl Screen {
             }
         }
     }
+}
+
+/// Waits for a key for so long. Whether the terminal is there still.
+fn has_terminal(longest: Duration) -> io::Result<bool> {
+    let stdin = io::stdin();
+    let mut keys = [PollFd::new(&stdin, PollFlags::IN)];
+    let longest = Timespec { tv_sec: 0, tv_nsec: longest.subsec_nanos().into() };
+    match poll(&mut keys, Some(&longest)) {
+        Ok(_) | Err(Errno::INTR) => {}
+        Err(error) => return Err(error.into()),
+    }
+    Ok(!keys[0].revents().intersects(PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL))
 }
 
 impl Drop for Screen {

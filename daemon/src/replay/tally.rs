@@ -7,7 +7,7 @@ use pairmask_wire::{Operation, RequestHeader, StatusCode};
 use serde::Serialize;
 
 use super::player::Answer;
-use crate::cli::percentiles::Recorder;
+use crate::percentiles::Recorder;
 use crate::recording::{Answered, Entry};
 
 /// Differences that are described; all are counted.

@@ -85,7 +85,7 @@ fn a_terminal_is_drawn_on_and_is_as_before_when_the_user_quits() {
         let printed = terminal.close();
         assert_eq!((printed.matches(ENTER).count(), printed.matches(LEAVE).count()), (1, 1));
         let (drawn, rest) = printed.split_once(LEAVE).unwrap();
-        assert!(drawn.contains("this machine") && !drawn.contains("checks "), "{drawn}");
+        assert!(drawn.contains("parry3d") && !drawn.contains("checks "), "{drawn}");
         assert!(rest.contains("checks ") && rest.contains("next"), "its summary: {rest}");
         sandbox.assert_clean(&[]);
     }

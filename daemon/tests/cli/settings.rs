@@ -80,7 +80,7 @@ fn help_has_examples_and_version_names_wire_and_commit() {
         let finished = sandbox.run_line(command);
         assert_eq!(finished.code, Some(0));
         assert!(finished.stdout.contains("Examples:"), "{command:?}");
-        assert!(!finished.stdout.contains("worker"), "hidden flags stay hidden");
+        assert!(!finished.stdout.contains("--worker"), "hidden flags stay hidden");
     }
     let version = sandbox.run_line("--version").stdout;
     assert!(version.contains("wire 1.") && version.contains("commit "), "{version}");

@@ -106,6 +106,16 @@ pub fn words(path: &Path) -> Vec<u32> {
     bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
 }
 
+/// A pseudo terminal: what is printed and typed, and the side of the program.
+pub fn pty() -> (File, OwnedFd) {
+    let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY;
+    let keyboard = openpt(flags).unwrap();
+    grantpt(&keyboard).unwrap();
+    unlockpt(&keyboard).unwrap();
+    let side = ioctl_tiocgptpeer(&keyboard, flags).unwrap();
+    (File::from(keyboard), side)
+}
+
 /// A terminal of 80 columns and 24 rows, with what was printed on it.
 pub struct Terminal {
     keyboard: File,
@@ -116,14 +126,9 @@ pub struct Terminal {
 
 impl Terminal {
     pub fn new() -> Self {
-        let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY;
-        let keyboard = openpt(flags).unwrap();
-        grantpt(&keyboard).unwrap();
-        unlockpt(&keyboard).unwrap();
-        let side = ioctl_tiocgptpeer(&keyboard, flags).unwrap();
+        let (keyboard, side) = pty();
         tcsetwinsize(&side, Winsize { ws_row: 24, ws_col: 80, ws_xpixel: 0, ws_ypixel: 0 })
             .unwrap();
-        let keyboard = File::from(keyboard);
         let (mut screen, printed) = (keyboard.try_clone().unwrap(), Arc::default());
         let kept: Arc<Mutex<Vec<u8>>> = Arc::clone(&printed);
         // It ends with an error when nobody has the other side any more.

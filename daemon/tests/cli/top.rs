@@ -1,10 +1,13 @@
-//! `top` without a terminal: a table or JSON, of a daemon that serves, was killed, or never was.
+//! `top` without a terminal: a table or JSON, of a daemon that serves, was killed, or never was; on one that goes.
+
+use std::io::Read;
+use std::process::Stdio;
 
 use pairmask::{Report, SceneOptions};
 use pairmask_core::Aabb;
 use rustix::process::Signal;
 
-use crate::support::{Sandbox, Serving, eventually, keys, names};
+use crate::support::{Sandbox, Serving, eventually, keys, names, pty};
 
 /// Asks for frames and edits, some of them while `top` waits between its two looks.
 fn with_load(serving: &Serving, work: impl FnOnce()) {
@@ -106,4 +109,27 @@ fn a_daemon_that_cannot_make_its_counters_serves_without_them() {
     });
     let finished = serving.stop(Signal::TERM);
     assert!(finished.stderr.contains("`pairmaskd top` will not see"), "{finished:?}");
+}
+
+/// Without the hangup's signal too, which comes to a terminal's own session alone.
+#[test]
+fn what_draws_ends_with_its_terminal() {
+    for line in ["top --interval 50", "demo --seconds 1000 --boxes 100"] {
+        let sandbox = Sandbox::new();
+        let _serving = Serving::start(&sandbox, "--gpu none", "default");
+        let (mut keyboard, side) = pty();
+        let mut command = sandbox.line(line);
+        command.env("TERM", "xterm").env_remove("NO_COLOR").stderr(Stdio::null());
+        command.stdin(side.try_clone().unwrap()).stdout(side);
+        let mut child = command.spawn().unwrap();
+        // It has the program's side open.
+        drop(command);
+        let (mut printed, mut bytes) = (Vec::new(), [0; 4096]);
+        while !String::from_utf8_lossy(&printed).contains("\x1b[?1049h") {
+            let count = keyboard.read(&mut bytes).unwrap();
+            printed.extend_from_slice(&bytes[..count]);
+        }
+        drop(keyboard);
+        eventually("it ends", || child.try_wait().unwrap());
+    }
 }

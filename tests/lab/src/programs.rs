@@ -39,17 +39,16 @@ impl Program {
     /// Steps, and how many there are a second.
     const fn steps(self) -> (u32, u32) {
         match self {
-            Self::City => (120, 60),
-            Self::Crowd => (40, 20),
-            Self::RobotArm => (40, 20),
-            Self::RlBatch => (30, 30),
-            Self::Bubbles => (30, 30),
-            Self::Rollback => (120, 60),
-            Self::Sensors => (40, 20),
+            Self::City | Self::Rollback => (120, 60),
+            Self::Crowd | Self::RobotArm | Self::Sensors => (40, 20),
+            Self::RlBatch | Self::Bubbles => (30, 30),
         }
     }
 
     /// Runs the program at its pace.
+    ///
+    /// # Errors
+    /// The session's.
     pub fn run(self, session: &mut Session) -> Result<()> {
         let random = &mut Random::new(SEED);
         match self {

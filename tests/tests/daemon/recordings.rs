@@ -14,6 +14,7 @@ use pairmask_tests::scene_model::{
     Kind, SessionScene, Sessions, SharedMembers, hold, hold_all, script_of,
 };
 use pairmask_tests::stress_scenes::Rng;
+use pairmask_wire::InstanceName;
 use pairmaskd::recording::{
     Answered, Event, ReadError, Record, RecordFile, RecordSettings, Recording, SessionEnd,
 };
@@ -70,7 +71,7 @@ fn write(path: &Path, records: &[Record]) {
 }
 
 fn player(daemon: &TestDaemon) -> Player {
-    Player::new(daemon.dir(), Default::default())
+    Player::new(daemon.dir(), InstanceName::default())
 }
 
 fn replayed(bytes: &[u8], players: &mut [Player]) -> Tally {
@@ -282,8 +283,7 @@ fn a_recording_that_is_cut_or_forged_is_read_up_to_there() {
         }
         let (read, end) = records(&forged);
         assert!(read == all[..read.len()], "what is read is what was written: {end:?}");
-        let header_bytes = ends[0].0 as usize;
-        assert!(end.is_some() || forged[header_bytes..] == bytes[header_bytes..]);
+        assert!(end.is_some() || read.len() == all.len(), "what is missing is said");
     }
 }
 

@@ -7,7 +7,7 @@ use pairmask_core::engine::EngineId;
 use serde_json::{Value, json};
 
 use crate::cli::output::time_text;
-use crate::cli::percentiles::Recorder;
+use crate::percentiles::Recorder;
 
 /// How the kill of the worker goes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -102,7 +102,8 @@ impl Demo {
             signal_hook::flag::register(signal, Arc::clone(&stop))
                 .map_err(|error| format!("installing signal handlers: {error}"))?;
         }
-        // Its messages about the worker that is killed would go across the picture.
+        // Messages about the worker that is killed, the session's and the daemon's, would go between the lines.
+        log::set_max_level(log::max_level().min(log::LevelFilter::Error));
         let daemon = PrivateDaemon::start_self_quietly(&self.daemon.private(common))?;
         let mut show = Show::new(self, &daemon)?;
         // The screen ends before anything else is printed.

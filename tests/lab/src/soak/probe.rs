@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use pairmask::{Backend, SessionBuilder};
 use pairmaskd::cli::bench::SEED;
-use pairmaskd::cli::percentiles::Recorder;
+use pairmaskd::percentiles::Recorder;
 use pairmaskd::precision::PrecisionChoice;
 use pairmaskd::scene::{Scene, SceneName};
 use pairmaskd::timed_client::{Decoding, TimedClient};
