@@ -108,7 +108,7 @@ pub fn words(path: &Path) -> Vec<u32> {
 
 /// A pseudo terminal: what is printed and typed, and the side of the program.
 pub fn pty() -> (File, OwnedFd) {
-    let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY;
+    let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
     let keyboard = openpt(flags).unwrap();
     grantpt(&keyboard).unwrap();
     unlockpt(&keyboard).unwrap();
