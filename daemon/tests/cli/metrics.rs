@@ -100,7 +100,7 @@ fn openmetrics(text: &str) -> Result<Vec<Sample>, String> {
         if samples.iter().any(|(other, of, _)| (other, of) == (&name, &labels)) {
             return wrong("a sample that was there before");
         }
-        // Base units: seconds and bytes are told by name, and nothing is in thousands of them.
+        // Base units: seconds and bytes stand in the name, and nothing is in thousands of them.
         let last = family.0.rsplit('_').next().unwrap_or_default();
         if ["ns", "us", "ms", "kib", "mib", "percent", "total"].contains(&last)
             || ["seconds", "bytes"].contains(&last) == family.2.is_empty()

@@ -1,4 +1,5 @@
-//! The table of clients and their scenes, as text: rows, their order, and columns that fit a width.
+//! The table of clients and their scenes, as text: rows, their order, and columns that fit a width. One file, since a
+//! column is a title, a width, a way to order rows and a text of one, which its tests look at together.
 
 use std::cmp::Ordering;
 

@@ -53,7 +53,7 @@ impl View {
             KeyCode::PageUp => self.scroll = self.scroll.saturating_sub(PAGE),
             KeyCode::PageDown => self.scroll = self.scroll.saturating_add(PAGE),
             KeyCode::Home => self.scroll = 0,
-            // Whoever draws knows how far that is.
+            // How far that is, is known where it is drawn.
             KeyCode::End => self.scroll = usize::MAX,
             _ => {}
         }
