@@ -98,7 +98,7 @@ pub(super) enum Place {
     /// Its request was dropped, and the daemon may still read its memory.
     Left {
         number: u64,
-        _chunk: Chunk,
+        chunk: Chunk,
     },
 }
 
@@ -133,6 +133,21 @@ pub struct Link {
     has_refused: AtomicBool,
     /// Whether the daemon has refused a request because this client has too much memory.
     pub(super) is_over_budget: AtomicBool,
+}
+
+impl Drop for Link {
+    fn drop(&mut self) {
+        // A child's copies of them are its parent's.
+        if !self.is_own() {
+            return;
+        }
+        for (at, place) in std::mem::take(&mut *lock(&self.places)).into_iter().enumerate() {
+            match place {
+                Place::Left { number, chunk } if !self.is_done(at, number) => chunk.leave(),
+                _ => {}
+            }
+        }
+    }
 }
 
 impl std::fmt::Debug for Link {

@@ -66,8 +66,12 @@ struct Awaited {
 
 impl Wanted for Awaited {
     fn is_wanted(&self) -> bool {
-        let is_let_go = self.theirs.released(self.place) == self.number.load(Ordering::Relaxed);
-        !is_let_go && !self.is_gone.load(Ordering::Acquire)
+        let number = self.number.load(Ordering::Relaxed);
+        // In this order: a client that closes its session lets go of the request, then of the board, which reads as zeros
+        // from then on. What was let go of once is not waited for again.
+        let is_let_go = self.theirs.released(self.place) == number;
+        let is_there = self.theirs.sent(self.place) == number;
+        !is_let_go && is_there && !self.is_gone.load(Ordering::Acquire)
     }
 }
 
@@ -335,6 +339,19 @@ impl Peer {
     /// The pools as they are now: who waits for others while it goes through them would hold those up that lend.
     fn pools(&self) -> Vec<Pool> {
         lock(&self.pools).clone()
+    }
+}
+
+impl Drop for Peer {
+    fn drop(&mut self) {
+        // A daemon that ends leaves answers that its clients still read as they are.
+        for (at, known) in std::mem::take(&mut *lock(&self.places)).into_iter().enumerate() {
+            if let Some(answer) = known.answer
+                && self.theirs.released(at) != known.number
+            {
+                answer.leave();
+            }
+        }
     }
 }
 

@@ -415,6 +415,13 @@ impl Chunk {
         (self.first - self.pool.start) as u64
     }
 
+    /// Lets go of pages that the other side may still read: they stay as they are until that has let go of the segment too.
+    pub fn leave(mut self) {
+        if let Some(piece) = &mut self.piece {
+            piece.present = 0;
+        }
+    }
+
     /// Whether it is of this pool.
     pub fn is_of(&self, pool: &Pool) -> bool {
         Arc::ptr_eq(&self.pool, &pool.0)

@@ -50,6 +50,25 @@ fn a_thousand_frames_are_right_while_the_daemon_is_killed_again_and_again() {
     });
 }
 
+/// Answers lie in the daemon's memory: they stay as they are, however it ends.
+#[test]
+fn answers_in_hand_outlast_their_daemon() {
+    let ends: [fn(&mut TestDaemon); 2] = [TestDaemon::stop, TestDaemon::kill];
+    for end in ends {
+        let mut daemon = TestDaemon::start(&[]);
+        let mut session = daemon.connect();
+        let boxes = scene(2_000, 1);
+        let expected = oracle::truth(&boxes).pairs;
+        let masks = [session.answer(&boxes), session.answer(&boxes[..1_000])];
+        let mut scene = session.scene(SceneOptions::default()).unwrap();
+        let answer = scene.edit().set_all(0..2_000, &boxes).commit(Report::Changes).unwrap();
+        end(&mut daemon);
+        assert!(!expected.is_empty() && masks[0].sorted() == expected);
+        assert_eq!(masks[1].sorted(), oracle::truth(&boxes[..1_000]).pairs);
+        assert_eq!(answer.begun().to_vec(), expected);
+    }
+}
+
 #[test]
 fn a_daemon_killed_with_frames_under_way_costs_no_answer() {
     let mut daemon = TestDaemon::start(&[]);
