@@ -6,9 +6,11 @@
 // is not said again.
 #![allow(missing_docs, clippy::missing_errors_doc)]
 
+pub mod advise;
 pub mod audit;
 pub mod cli;
 mod clients;
+pub mod daemon_cpu;
 pub mod execute;
 pub mod explain;
 pub mod file_error;

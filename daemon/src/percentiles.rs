@@ -63,6 +63,11 @@ impl Recorder {
         self.0.reset();
     }
 
+    /// How many latencies there are.
+    pub fn count(&self) -> u64 {
+        self.0.len()
+    }
+
     /// The percentiles so far; zeros where nothing was recorded.
     pub fn percentiles(&self) -> Percentiles {
         let at = |quantile| self.0.value_at_quantile(quantile);
@@ -84,12 +89,14 @@ mod tests {
     fn percentiles_are_those_of_the_numbers() {
         let mut recorder = Recorder::default();
         assert_eq!(recorder.percentiles(), Percentiles::default());
+        assert_eq!(recorder.count(), 0);
         for ns in 1..=1000 {
             recorder.record(ns);
         }
         let found = recorder.percentiles();
         assert_eq!((found.p50, found.p90, found.p99, found.p999), (500, 900, 990, 999));
         assert_eq!(found.max, 1000);
+        assert_eq!(recorder.count(), 1000);
         recorder.record(u64::MAX);
         assert!(recorder.percentiles().max >= LONGEST_NS, "too long is counted as the longest");
         recorder.clear();

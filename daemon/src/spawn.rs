@@ -171,6 +171,11 @@ pub fn is_opening_gpus(dir: &RuntimeDir, instance: &InstanceName) -> bool {
     gpus_of(dir, instance).opening > 0
 }
 
+/// GPUs that the daemon of an instance has open, by its status file.
+pub fn open_gpus(dir: &RuntimeDir, instance: &InstanceName) -> u32 {
+    gpus_of(dir, instance).open
+}
+
 fn gpus_of(dir: &RuntimeDir, instance: &InstanceName) -> GpuCounts {
     let status = dir.read_status(instance).ok().flatten();
     status.map(|status| status.gpus).unwrap_or_default()

@@ -3,12 +3,12 @@
 //! A setting is looked for in this order: flag, environment (`PAIRMASK_*`), configuration file,
 //! default. Results go to stdout; progress, logs and errors to stderr, an error as one line.
 
+mod advise;
 pub mod bench;
 mod clean;
 mod completions;
 pub mod config;
 mod cull;
-pub mod daemon_cpu;
 mod demo;
 mod doctor;
 mod explain;
@@ -79,6 +79,7 @@ Examples:
   pairmaskd cull boxes.f32 --spawn --json     pairs of a file of boxes, by a daemon of its own
   pairmaskd bench latency --n 1000,10000      what a frame costs, by stage
   pairmaskd replay game.pmrec                 what clients sent, again, with the answers compared
+  pairmaskd advise game.pmrec                 which session serves it soonest, and the lines to write
   pairmaskd explain boxes.f32 3 17            why two boxes are a pair or not
 
 Exit status: 0 done; 1 it failed, a check failed, or no daemon serves; 2 the command line or configuration is wrong.";
@@ -98,6 +99,7 @@ enum Command {
     Status(status::Status),
     Top(top::Top),
     Replay(replay::Replay),
+    Advise(advise::Advise),
     Explain(explain::Explain),
     Doctor(doctor::Doctor),
     Gpus(gpus::Gpus),
@@ -136,6 +138,7 @@ fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result {
         Command::Status(status) => status.run(common),
         Command::Top(top) => top.run(common),
         Command::Replay(replay) => replay.run(common),
+        Command::Advise(advise) => advise.run(common),
         Command::Explain(explain) => explain.run(),
         Command::Doctor(doctor) => doctor.run(common),
         Command::Gpus(gpus) => gpus.run(),

@@ -8,7 +8,7 @@ use pairmask_transport::{ClientCounts, CounterSample, RuntimeDir, SceneCounts, T
 use pairmask_wire::{InstanceError, InstanceName};
 use serde::{Serialize, Serializer};
 
-use super::daemon_cpu::cpu_of;
+use crate::daemon_cpu::cpu_of;
 
 /// The counters of an instance, and when they were read.
 #[derive(Clone, Debug, Default)]

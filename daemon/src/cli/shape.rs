@@ -25,6 +25,7 @@ const MEASURED_BACKEND: &str = "Who finds the pairs: daemon (one of its own unle
 const PAIRMASKD: Shape = Shape {
     without_use: &[
         ("demo", &["instance", "runtime_dir"]),
+        ("advise", &["instance", "runtime_dir"]),
         ("scene", ALL),
         ("explain", ALL),
         ("gpus", ALL),

@@ -13,13 +13,13 @@ use pairmask_wire::{
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::daemon_cpu::{cpu_of, nanoseconds_a};
 use super::metrics::{self, Format, Scrape};
 use super::options::CommonOptions;
 use super::output::{print_json, print_text, size_text, time_text, write_stdout};
 use super::program::{self, Fault};
 use super::rates::{ClientRates, Look, Rates};
 use super::skipped::Skipped;
+use crate::daemon_cpu::{cpu_of, nanoseconds_a};
 use crate::serve::fences::{Fence, FenceState, Fences};
 
 /// A living daemon writes its status file within a second, or after the frame that it works on.

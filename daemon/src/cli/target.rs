@@ -6,9 +6,9 @@ use pairmask::{Backend, SessionBuilder};
 use pairmask_transport::RuntimeDir;
 use pairmask_wire::InstanceName;
 
-use super::daemon_cpu::DaemonCpu;
 use super::machine::value;
 use super::options::{CommonOptions, CullFlags, DaemonOptions};
+use crate::daemon_cpu::DaemonCpu;
 use crate::serve::DaemonSettings;
 use crate::spawn::{PrivateDaemon, SpawnError};
 

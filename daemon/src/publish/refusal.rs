@@ -57,6 +57,10 @@ impl From<SceneError> for Refusal {
 }
 
 impl Refusal {
+    pub(crate) const fn status(&self) -> StatusCode {
+        self.status
+    }
+
     /// The scene is at this revision, and not at the one that an edit is for; 0 where there is none.
     pub(crate) fn stale_scene(revision: u64) -> Self {
         let text = format!("an edit of a scene that is at revision {revision}");

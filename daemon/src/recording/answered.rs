@@ -10,13 +10,23 @@ use pairmask_wire::{
 /// Something that an answer names: which of its sets it is of, and up to three numbers.
 pub type Entry = [u32; 4];
 
-/// Sets of an answer.
-const PAIRS: u32 = 1;
-const BEGUN: u32 = 2;
-const ENDED: u32 = 3;
-const RESYNC: u32 = 4;
-const HITS: u32 = 5;
-const DETAIL: u32 = 6;
+/// Sets of an answer, by their numbers in recordings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Set {
+    Pairs = 1,
+    Begun = 2,
+    Ended = 3,
+    Resync = 4,
+    Hits = 5,
+    Detail = 6,
+}
+
+impl Set {
+    pub const fn entry(self, [a, b, more]: [u32; 3]) -> Entry {
+        [self as u32, a, b, more]
+    }
+}
 
 /// An answer in short, as a recording keeps it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
@@ -50,12 +60,28 @@ impl Answered {
         };
         if header.status == StatusCode::Ok as u32 {
             entries(request, asked, (header, pages), |entry| {
-                answered.count += 1;
-                answered.digest = answered.digest.wrapping_add(mixed(entry));
+                answered.note(entry);
                 each(entry);
             })?;
         }
         Ok(answered)
+    }
+
+    /// Adds what an answer names. Each entry is passed on.
+    pub fn note_all(
+        &mut self,
+        mut each: impl FnMut(Entry),
+        read: impl FnOnce(&mut dyn FnMut(Entry)),
+    ) {
+        read(&mut |entry| {
+            self.note(entry);
+            each(entry);
+        });
+    }
+
+    fn note(&mut self, entry: Entry) {
+        self.count += 1;
+        self.digest = self.digest.wrapping_add(mixed(entry));
     }
 
     /// Whether another answer has the same status and entries.
@@ -91,7 +117,7 @@ pub fn entries(
             let reply = Reply::parse(header, asked, payload_bytes)?;
             let mask = MaskView::new(asked.box_count, &reply.report.shape, words_in(pages))
                 .map_err(|_| ReplyError::Malformed { field: "mask" })?;
-            mask.for_each(|a, b| each([PAIRS, a, b, 0]));
+            mask.for_each(|a, b| each(Set::Pairs.entry([a, b, 0])));
         }
         Request::EditScene(request) | Request::CommitShared(request) => {
             let reply = SceneReply::parse(header, asked, payload_bytes)?;
@@ -101,13 +127,13 @@ pub fn entries(
             let reply = CastReply::parse(header, asked, payload_bytes)?;
             // The daemon says in no answer up to where indices of the scene go.
             for hit in reply.read(pages, request, u32::MAX)? {
-                each([HITS, hit.query, hit.index, hit.distance.to_bits()]);
+                each(Set::Hits.entry([hit.query, hit.index, hit.distance.to_bits()]));
             }
         }
         Request::LeaseShared(_) => {
             Reply::check_envelope(header, asked)?;
             for (at, detail) in header.detail.iter().enumerate() {
-                each([DETAIL, (detail >> 32) as u32, *detail as u32, at as u32]);
+                each(Set::Detail.entry([(detail >> 32) as u32, *detail as u32, at as u32]));
             }
         }
         // What a member joins with may be left open by all.
@@ -124,17 +150,17 @@ pub fn entries(
 fn changes(request: &SceneRequest, reply: &SceneReply, words: &[u32], mut each: impl FnMut(Entry)) {
     let pairs_in = |span| SceneAnswerLayout::pairs_in(span, words);
     for [a, b] in pairs_in(&reply.layout.begun) {
-        each([BEGUN, *a, *b, 0]);
+        each(Set::Begun.entry([*a, *b, 0]));
     }
     for ended in reply.layout.ended_in(words, request.most_boxes) {
         let [a, b] = ended.pair;
-        each([ENDED, a, b, ended.reason as u32]);
+        each(Set::Ended.entry([a, b, ended.reason as u32]));
     }
     for [a, b] in pairs_in(&reply.layout.pairs) {
-        each([PAIRS, *a, *b, 0]);
+        each(Set::Pairs.entry([*a, *b, 0]));
     }
     if reply.is_resync {
-        each([RESYNC, 0, 0, 0]);
+        each(Set::Resync.entry([0; 3]));
     }
 }
 

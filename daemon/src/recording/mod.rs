@@ -6,6 +6,7 @@
 //!
 //! ```text
 //! answered   what an answer holds, and its digest     (pure)
+//! asked      what a frame asks of a session           (pure)
 //! record     what stands in a recording               (pure)
 //! block      records in a compressed block            (pure)
 //! reader     a recording, block by block
@@ -14,13 +15,15 @@
 //! ```
 
 mod answered;
+mod asked;
 mod block;
 mod file;
 mod reader;
 mod record;
 mod recorder;
 
-pub use answered::{Answered, Entry, entries};
+pub use answered::{Answered, Entry, Set, entries};
+pub use asked::{Asked, AskedFrame, FrameReader, pages_of};
 pub use file::{RecordError, RecordFile, RecordSettings};
 pub use reader::{ReadError, Recording};
 pub use record::{Event, MOST_PAYLOAD_BYTES, Record, SessionEnd};

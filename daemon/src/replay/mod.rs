@@ -1,10 +1,12 @@
 //! Replay: the requests of a recording, sent again one at a time, and their answers beside the recorded ones.
 //!
 //! ```text
-//! player   the sessions of a recording, as sessions of a daemon
+//! player   the sessions of a recording, as sessions of a daemon or of this process
+//! local    one that this process answers
 //! tally    what was answered before and now, and what differs
 //! ```
 
+mod local;
 mod player;
 mod tally;
 
@@ -34,7 +36,8 @@ pub enum ReplayError {
 }
 
 /// Sends the requests of a recording to each player, and compares what they answer with the recording; of two players
-/// also one with the other, entry by entry. A recording that is cut or damaged is replayed up to there, and the tally
+/// also one with the other, entry by entry. Where the first one sends frames in another precision, these are compared
+/// with the second one's alone, and may have more pairs. A recording that is cut or damaged is replayed up to there, and the tally
 /// says so.
 pub fn replay(
     recording: &mut Recording<impl Read>,

@@ -89,6 +89,12 @@ pub struct Row {
     pub differing: u64,
     /// Those whose answer the recording does not have, and that are compared with nothing.
     pub uncompared: u64,
+    /// Those that a player does not play.
+    pub skipped: u64,
+    /// Those that were sent in another precision.
+    pub narrowed: u64,
+    /// Pairs that the answers to these have more.
+    pub extra_pairs: u64,
     /// Times in the daemon when it was recorded.
     pub recorded: Recorder,
     /// Of each player.
@@ -121,6 +127,9 @@ impl Tally {
             requests: 0,
             differing: 0,
             uncompared: 0,
+            skipped: 0,
+            narrowed: 0,
+            extra_pairs: 0,
             recorded: Recorder::default(),
             played: vec![Latencies::default(); players],
         };
@@ -149,6 +158,19 @@ impl Tally {
 
     pub fn uncompared(&self) -> u64 {
         self.rows.iter().map(|row| row.uncompared).sum()
+    }
+
+    /// Requests that a player did not play: those of shared scenes, in process.
+    pub fn skipped(&self) -> u64 {
+        self.rows.iter().map(|row| row.skipped).sum()
+    }
+
+    pub fn narrowed(&self) -> u64 {
+        self.rows.iter().map(|row| row.narrowed).sum()
+    }
+
+    pub fn extra_pairs(&self) -> u64 {
+        self.rows.iter().map(|row| row.extra_pairs).sum()
     }
 
     pub(super) fn note_request(&mut self, number: u64, kind: Kind) {
@@ -197,7 +219,16 @@ impl Tally {
         let row = &mut self.rows[*kind as usize];
         row.requests += 1;
         row.differing += u64::from(text.is_some());
-        row.uncompared += u64::from(recorded.is_none() && played.len() < 2);
+        let is_skipped = played.iter().any(Option::is_none);
+        row.skipped += u64::from(is_skipped);
+        row.uncompared += u64::from(recorded.is_none() && played.len() < 2 && !is_skipped);
+        if let [Some(narrow), Some(exact)] = &played[..]
+            && narrow.may_have_more
+        {
+            row.narrowed += 1;
+            let counts = [narrow, exact].map(|answer| answer.answered.count);
+            row.extra_pairs += counts[0].saturating_sub(counts[1]);
+        }
         if let Some(recorded) = recorded {
             row.recorded.record(recorded.total_ns);
         }
@@ -216,17 +247,29 @@ impl Tally {
 /// How the answers to a request differ, if they do.
 fn difference(recorded: Option<&Answered>, played: &[Option<Answer>]) -> Option<String> {
     let now = played.first()?.as_ref()?;
-    if let Some(recorded) = recorded.filter(|recorded| !recorded.agrees(&now.answered)) {
-        return Some(of_digests(recorded, &now.answered));
+    let other = played.get(1).and_then(Option::as_ref);
+    // One that may have more pairs is compared with one that may not.
+    let as_recorded = if now.may_have_more { other? } else { now };
+    if let Some(recorded) = recorded.filter(|recorded| !recorded.agrees(&as_recorded.answered)) {
+        return Some(of_digests(recorded, &as_recorded.answered));
     }
-    let other = played.get(1)?.as_ref()?;
+    let other = other?;
     match (&now.entries, &other.entries) {
         _ if now.answered.status != other.answered.status => {
             Some(of_digests(&now.answered, &other.answered))
         }
+        (Some(narrow), Some(exact)) if now.may_have_more => of_missed(narrow, exact),
         (Some(one), Some(other)) => of_entries(one, other),
         _ => None,
     }
+}
+
+/// The first entry of the second of two sorted lists that the first one lacks.
+fn of_missed(narrow: &[Entry], exact: &[Entry]) -> Option<String> {
+    let is_missed = |entry: &&Entry| narrow.binary_search(entry).is_err();
+    let [_, a, b, _] = exact.iter().find(is_missed)?;
+    let missed = exact.iter().filter(is_missed).count();
+    Some(format!("({a}, {b}) is missed, and {} others of {}", missed - 1, exact.len()))
 }
 
 fn of_digests(before: &Answered, now: &Answered) -> String {
@@ -265,7 +308,8 @@ mod tests {
         let digest = entries.iter().flatten().map(|number| u64::from(*number)).sum();
         let answered =
             Answered { status, count: entries.len() as u64, digest, ..Answered::default() };
-        Answer { number: 1, answered, entries: Some(entries.into()), round_trip: Duration::ZERO }
+        let (entries, round_trip) = (Some(entries.into()), Duration::ZERO);
+        Answer { number: 1, answered, entries, round_trip, may_have_more: false }
     }
 
     #[test]
@@ -288,5 +332,29 @@ mod tests {
         assert_eq!(beside(&fewer), "(4, 5) and nothing at 1 of 2 and 1");
         assert_eq!(beside(&other), "(4, 5) and (4, 6) at 1 of 2 and 2");
         assert!(beside(&refused).contains("engine-unavailable"));
+    }
+    #[test]
+    fn a_frame_of_less_precision_may_have_more_pairs_and_misses_none() {
+        let exact = answer(0, &[[1, 2, 3, 0], [1, 4, 5, 0]]);
+        let near = |entries: &[Entry]| Answer { may_have_more: true, ..answer(0, entries) };
+        let found = |recorded: &Answer, narrow: Answer, exact: &Answer| {
+            difference(Some(&recorded.answered), &[Some(narrow), Some(exact.clone())])
+        };
+        let more = near(&[[1, 2, 3, 0], [1, 2, 9, 0], [1, 4, 5, 0]]);
+        assert_eq!(found(&exact, more.clone(), &exact), None);
+        // As many pairs as there are to be, and one of them another.
+        let missed = near(&[[1, 2, 3, 0], [1, 2, 9, 0]]);
+        let text = found(&exact, missed, &exact).expect("a difference");
+        assert_eq!(text, "(4, 5) is missed, and 0 others of 2");
+        let other = answer(0, &[[1, 2, 3, 0]]);
+        let text = found(&other, more.clone(), &exact).expect("the exact one is not as recorded");
+        assert_eq!(text, "1 pairs before, 2 now");
+
+        let mut tally = Tally::new(2);
+        tally.note_request(1, Kind::Frame);
+        tally.note_recorded(1, exact.answered);
+        tally.note_played(0, more);
+        tally.note_played(1, exact);
+        assert_eq!((tally.differing(), tally.narrowed(), tally.extra_pairs()), (0, 1, 1));
     }
 }

@@ -2,6 +2,7 @@
 //! left behind.
 #![allow(clippy::unwrap_used)]
 
+mod advise;
 mod audit;
 mod bench;
 mod clean;

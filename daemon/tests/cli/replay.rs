@@ -63,7 +63,24 @@ fn what_is_recorded_replays_and_a_wrong_answer_is_named() {
         assert!(times["p50"].as_u64().unwrap() > 0, "{row}");
     }
 
+    let report = sandbox.run_line("replay a.pmrec --in-process --json").json();
+    assert_eq!((&report["differing"], &report["skipped"]), (&0.into(), &0.into()));
+    let finished = sandbox.run_line("replay a.pmrec --in-process --precision margin=1");
+    assert_eq!((finished.code, finished.stderr.as_str()), (Some(0), ""), "{finished:?}");
+    assert!(finished.stdout.contains("20 frames sent as margin=1: "), "{finished:?}");
+    for (line, expected) in [
+        ("replay a.pmrec --in-process --engine gpu-grid", "has the engines of cores"),
+        ("replay a.pmrec --in-process --instance x", "asks no daemon"),
+    ] {
+        let finished = sandbox.run_line(line);
+        assert!(finished.error(2).contains(expected), "{finished:?}");
+    }
+
     falsify(&file, &sandbox.file("b.pmrec"));
+    for more in ["--in-process", "--in-process --precision q8"] {
+        let finished = sandbox.run_line(&format!("replay b.pmrec {more}"));
+        assert_eq!(finished.code, Some(1), "{finished:?}");
+    }
     let finished = sandbox.run_line("replay b.pmrec --gpu none");
     assert_eq!(finished.code, Some(1), "{finished:?}");
     assert!(finished.stderr.contains("1 of 20 answers differ"), "{finished:?}");

@@ -31,7 +31,7 @@ use pairmask_tests::measure::{Pace, iterate, percentile};
 use pairmask_tests::prelude::*;
 use pairmask_transport::RuntimeDir;
 use pairmask_wire::InstanceName;
-use pairmaskd::cli::daemon_cpu::{DaemonCpu, nanoseconds_a, own_cpu};
+use pairmaskd::daemon_cpu::{DaemonCpu, nanoseconds_a, own_cpu};
 use pairmaskd::scene::SceneName;
 use serde_json::{Value, json};
 

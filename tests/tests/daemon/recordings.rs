@@ -8,6 +8,7 @@ use std::sync::Arc;
 use pairmask::FrameOptions;
 use pairmask::filters::{FilterData, FilterId, Owner, Rules, World};
 use pairmask_core::cast::{Hits, Ray};
+use pairmask_core::engine::AvailableIsa;
 use pairmask_tests::gpu;
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{
@@ -15,6 +16,7 @@ use pairmask_tests::scene_model::{
 };
 use pairmask_tests::stress_scenes::Rng;
 use pairmask_wire::InstanceName;
+use pairmaskd::precision::PrecisionChoice;
 use pairmaskd::recording::{
     Answered, Event, ReadError, Record, RecordFile, RecordSettings, Recording, SessionEnd,
 };
@@ -207,6 +209,52 @@ fn requests_replay_to_the_same_pairs_on_engines_of_a_gpu() {
 }
 
 #[test]
+fn requests_replay_to_the_same_pairs_in_process() {
+    let recorded = Recorded::start(&[]);
+    let mut session = recorded.daemon.connect();
+    random_frames(&mut session, 1_000, 21);
+    random_scenes(
+        &mut session,
+        [(Kind::Small, 1_000), (Kind::Crowd, 5), (Kind::Large, 5)],
+        240_000,
+    );
+    drop(session);
+    let bytes = recorded.bytes();
+    for isa in Isa::ALL.into_iter().filter_map(AvailableIsa::new) {
+        let tally = replayed(&bytes, &mut [Player::in_process(isa)]);
+        holds(&tally, isa.get().as_str());
+        assert!(tally.requests() >= 2_000 && tally.skipped() == 0, "{}", tally.skipped());
+    }
+    // Beside a daemon, pair by pair.
+    let daemon = TestDaemon::of_cores();
+    let here = Player::in_process(AvailableIsa::best()).keeping_entries();
+    holds(&replayed(&bytes, &mut [here, player(&daemon).keeping_entries()]), "beside a daemon");
+}
+
+#[test]
+fn frames_replay_in_less_precision_with_more_pairs_and_none_missed() {
+    let recorded = Recorded::start(&[]);
+    let mut session = recorded.daemon.connect();
+    random_frames(&mut session, 400, 23);
+    random_scenes(&mut session, [(Kind::Small, 100), (Kind::Crowd, 1), (Kind::Large, 1)], 230_000);
+    drop(session);
+    let bytes = recorded.bytes();
+    let daemon = TestDaemon::of_cores();
+    for mode in ["q16", "q8", "f16", "margin=0.2"] {
+        let precision: PrecisionChoice = mode.parse().unwrap();
+        let exact = [player(&daemon), Player::in_process(AvailableIsa::best())];
+        for exact in exact {
+            let narrow = player(&daemon).with_precision(precision).keeping_entries();
+            let tally = replayed(&bytes, &mut [narrow, exact.keeping_entries()]);
+            holds(&tally, mode);
+            // One in eight is of spheres, three in eight were sent as narrow boxes.
+            assert_eq!(tally.narrowed(), 200, "{mode}");
+            assert!(tally.extra_pairs() > 0, "{mode} adds pairs");
+        }
+    }
+}
+
+#[test]
 fn shared_scenes_replay_tick_by_tick() {
     let recorded = Recorded::start(&[]);
     let sessions = Sessions::new(&recorded.daemon.session());
@@ -217,6 +265,8 @@ fn shared_scenes_replay_tick_by_tick() {
     let tally = replayed(&bytes, &mut [player(&daemon)]);
     holds(&tally, "shared");
     assert!(tally.requests() > 300);
+    let tally = replayed(&bytes, &mut [Player::in_process(AvailableIsa::best())]);
+    assert_eq!((tally.differing(), tally.skipped()), (0, tally.requests()), "they need a daemon");
 }
 
 /// A recording of some hundred requests in several blocks.
@@ -376,8 +426,11 @@ fn every_recording_in_the_repository_replays() {
     assert_eq!(files.len(), 10, "{files:?}");
     let daemon = TestDaemon::of_cores();
     for file in files {
-        let tally = replayed(&fs::read(&file).unwrap(), &mut [player(&daemon)]);
+        let bytes = fs::read(&file).unwrap();
+        let tally = replayed(&bytes, &mut [player(&daemon)]);
         assert_eq!(tally.differing(), 0, "{}: {:?}", file.display(), tally.described);
+        let here = replayed(&bytes, &mut [Player::in_process(AvailableIsa::best())]);
+        assert_eq!(here.differing(), 0, "{}, in process: {:?}", file.display(), here.described);
         // Answers that no client waited for.
         assert!(20 * tally.uncompared() < tally.requests(), "{}", file.display());
         assert!(tally.requests() > 20, "{}", file.display());

@@ -19,7 +19,6 @@ use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use serde::{Deserialize, Serialize};
 
 use self::report::LatencyReport;
-use super::daemon_cpu::{DaemonCpu, own_cpu};
 use super::machine::Machine;
 use super::object_files::BoxFile;
 use super::options::{CommonOptions, CullFlags, DaemonOptions};
@@ -29,6 +28,7 @@ use super::progress::{progress_bar, spinner};
 use super::scene_look;
 use super::target::Target;
 use super::whole_number::whole_number;
+use crate::daemon_cpu::{DaemonCpu, own_cpu};
 use crate::precision::PrecisionChoice;
 use crate::scene::{Scene, SceneName};
 use crate::serve::DEFAULT_SPIN;

@@ -9,9 +9,9 @@ use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
 
 use super::Wait;
-use crate::cli::daemon_cpu::{Used, nanoseconds_a};
 use crate::cli::machine::Machine;
 use crate::cli::program::Result;
+use crate::daemon_cpu::{Used, nanoseconds_a};
 use crate::percentiles::{Percentiles, Recorder};
 use crate::precision::PrecisionChoice;
 use crate::timed_client::TimedFrame;

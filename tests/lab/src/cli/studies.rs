@@ -1,7 +1,8 @@
 //! The commands of studies: what is measured, and what becomes of the results.
 
-use std::num::NonZeroUsize;
+use std::num::{NonZeroU64, NonZeroUsize};
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::Args;
 use pairmaskd::cli::options::{CommonOptions, DaemonOptions};
@@ -19,7 +20,7 @@ use crate::study::papers::{PapersOptions, STEPS, make};
 use crate::study::spheres::errors::pairs_decided;
 use crate::study::spheres::{self, SphereOptions};
 use crate::study::ways::Case;
-use crate::study::{grid, judge, mapping, threads};
+use crate::study::{advice, grid, judge, mapping, threads};
 
 /// A command that measures: what it gives its report for.
 pub trait Study: Args {
@@ -240,6 +241,39 @@ impl Study for PlanBench {
         let cases = self.cases.of(&not_quadratic.collect::<Vec<_>>(), &judge::SIZES);
         let progress = progress_bar(cases.len() as u64, "measuring");
         judge::measure(&cases, &self.cases.threads(), common.isa(), || progress.inc(1))
+    }
+}
+
+/// What `pairmaskd advise` advises, beside the fastest of all ways
+#[derive(Debug, Args)]
+#[command(after_help = "\
+For each recording of a folder: the advice, then all ways that could be advised, measured afresh and in turns. The
+ratio is the time of a tick with the advised way over that with the fastest one; both are of the second
+measurement. Ways whose pairs may be near count where the recorded program sends narrow boxes. The exit status
+is 1 where a ratio is above 1.15. It needs no other program than this one.
+
+Examples:
+  pairmask-lab advice
+  pairmask-lab advice recordings --gpu none --out advice
+  pairmask-lab advice --seconds 60 --json")]
+pub struct AdviceBench {
+    /// Folder of recordings (.pmrec)
+    #[arg(value_name = "DIR", default_value = "tests/recordings")]
+    folder: PathBuf,
+    #[command(flatten)]
+    options: DaemonOptions,
+    /// How long each recording takes, half of it for the advice
+    #[arg(long, value_parser = whole_number::<NonZeroU64>, value_name = "N", default_value = "40")]
+    seconds: NonZeroU64,
+}
+
+impl Study for AdviceBench {
+    fn measure(&self, common: &CommonOptions) -> Result<Report> {
+        let files = advice::recordings(&self.folder)?;
+        let progress = progress_bar(files.len() as u64, "measuring");
+        let half = Duration::from_secs(self.seconds.get()) / 2;
+        let times = advice::Times { advice: half, all: half };
+        advice::measure(&files, self.options.private(common), times, || progress.inc(1))
     }
 }
 

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use pairmask_transport::RuntimeDir;
 use pairmask_wire::InstanceName;
-use pairmaskd::cli::daemon_cpu::DaemonCpu;
+use pairmaskd::daemon_cpu::DaemonCpu;
 use rustix::fs::statvfs;
 use serde::Serialize;
 

@@ -26,7 +26,7 @@ impl DaemonCpu {
         move || Used { cpu: daemon.used().saturating_sub(before), time: start.elapsed() }
     }
 
-    pub(super) const fn worker(&self) -> u32 {
+    pub(crate) const fn worker(&self) -> u32 {
         self.processes[0]
     }
 
