@@ -135,6 +135,10 @@ const NAMESPACES: [libc::c_int; 8] = [
     libc::CLONE_NEWUTS,
 ];
 
+/// Requests that put text into a terminal as if it were typed.
+#[allow(clippy::unnecessary_cast)] // The type is another one in other C libraries.
+const TYPING: [u64; 2] = [libc::TIOCSTI as u64, libc::TIOCLINUX as u64];
+
 /// The last call that this list was made with. Numbers above it are those of newer calls, and of the table of x32.
 const LAST_KNOWN: libc::c_long = libc::SYS_mseal;
 
@@ -170,7 +174,7 @@ fn conditions() -> [(libc::c_long, Vec<Vec<Condition>>); 8] {
             vec![vec![(0, Ne, unix)], vec![(1, MaskedEq(SOCKET_KIND), libc::SOCK_STREAM as u64)]],
         ),
         // What would be typed into the terminal that the daemon was started from.
-        (libc::SYS_ioctl, vec![vec![(1, Eq, libc::TIOCSTI)], vec![(1, Eq, libc::TIOCLINUX)]]),
+        (libc::SYS_ioctl, TYPING.map(|request| vec![(1, Eq, request)]).into()),
         // Signals to others.
         (libc::SYS_kill, vec![vec![(0, Ne, own)]]),
         (libc::SYS_tgkill, vec![vec![(0, Ne, own)]]),
