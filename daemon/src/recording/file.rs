@@ -63,6 +63,13 @@ impl RecordFile {
         Self::begin(file, settings).map_err(|error| failed(settings, error))
     }
 
+    /// One whose file takes no bytes.
+    #[cfg(test)]
+    pub(super) fn unwritable(path: &Path) -> Self {
+        let file = File::open(path).expect("a file that is there");
+        Self { file, began_ns: 0, left_bytes: u64::MAX, filling: Filling::default() }
+    }
+
     /// Goes on with the recording of an earlier worker, behind its last whole block.
     pub fn go_on(settings: &RecordSettings) -> Result<Self, RecordError> {
         let mut file = open(&settings.file)?;

@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, OnceLock};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
 
-use pairmask_transport::CheckedRequest;
+use pairmask_transport::{Charge, CheckedRequest, Memory};
 use pairmask_wire::{Page, ReplyFields, Request, ResponseHeader};
 
 use super::answered::Answered;
@@ -19,7 +19,7 @@ use super::record::{Event, MOST_PAYLOAD_BYTES, Record, SessionEnd, copied};
 use crate::locked;
 use crate::serve::{ServeError, StoppedThread};
 
-/// Bytes that wait to be written. The largest request fits, and as much again. They are the daemon's own.
+/// Bytes that wait to be written. The largest request fits, and as much again. Each client's are charged to it.
 const MOST_QUEUED_BYTES: usize = 2 * MOST_PAYLOAD_BYTES;
 
 /// Bytes that a record counts for beside its payload: about what its memory takes.
@@ -41,13 +41,20 @@ pub(crate) struct Recorder {
 
 #[derive(Default)]
 struct State {
-    queue: VecDeque<Record>,
+    queue: VecDeque<Waiting>,
     queued_bytes: usize,
     /// Of requests.
     numbers: u64,
     sessions: HashSet<u64>,
     /// Those that are recorded no further.
     dropped: HashSet<u64>,
+}
+
+/// A record that waits to be written.
+struct Waiting {
+    record: Record,
+    /// For the payload of a request.
+    _charge: Option<Charge>,
 }
 
 /// A request that was recorded, and waits for its answer.
@@ -88,39 +95,33 @@ impl Recorder {
             return None;
         }
         let payload = copied(header, bytemuck::cast_slice(sent.pages()));
+        let bytes = payload.as_ref().map(Vec::len);
+        let charge = sent.share().charge(Memory::Own, bytes.unwrap_or(0) as u64).ok();
         let at_ns = self.sent_at(sent.sent_at());
         let mut state = locked(&self.state);
-        state.sessions.insert(session);
-        let fits = |payload: &[u8]| state.queued_bytes + payload.len() <= MOST_QUEUED_BYTES;
-        let why = match payload {
-            None => SessionEnd::TooLarge,
-            Some(payload) if fits(&payload) => {
-                state.numbers += 1;
-                let number = state.numbers;
-                let header = Box::new(*header);
-                state.put(at_ns, Event::Request { session, number, header, payload });
-                let is_block = state.queued_bytes >= BLOCK_BYTES;
+        let admitted = state.admit(session, bytes, charge.is_some());
+        let (number, payload) = match (admitted, payload) {
+            (Ok(number), Some(payload)) => (number, payload),
+            (Err(why), _) => {
+                state.put(at_ns, Event::SessionEnded { session, why }, None);
                 drop(state);
-                if let Some(writer) = self.writer.get().filter(|_| is_block) {
-                    writer.unpark();
-                }
-                return Some(RecordTicket {
-                    recorder: Arc::clone(self),
-                    number,
-                    request: *request,
-                });
+                let what = match why {
+                    SessionEnd::TooLarge => "a request is too large",
+                    _ => "its requests come faster than they are written",
+                };
+                log::warn!("session {session} is recorded no further: {what}");
+                return None;
             }
-            Some(_) => SessionEnd::TooFast,
+            (Ok(_), None) => return None,
         };
-        state.dropped.insert(session);
-        state.put(at_ns, Event::SessionEnded { session, why });
+        let header = Box::new(*header);
+        state.put(at_ns, Event::Request { session, number, header, payload }, charge);
+        let is_block = state.queued_bytes >= BLOCK_BYTES;
         drop(state);
-        let what = match why {
-            SessionEnd::TooLarge => "a request is too large",
-            _ => "its requests come faster than they are written",
-        };
-        log::warn!("session {session} is recorded no further: {what}");
-        None
+        if let Some(writer) = self.writer.get().filter(|_| is_block) {
+            writer.unpark();
+        }
+        Some(RecordTicket { recorder: Arc::clone(self), number, request: *request })
     }
 
     /// Notes which sessions there are: others have ended.
@@ -132,7 +133,7 @@ impl Recorder {
         for session in ended {
             if !state.dropped.remove(&session) {
                 let why = SessionEnd::Disconnected;
-                state.put(now_ns, Event::SessionEnded { session, why });
+                state.put(now_ns, Event::SessionEnded { session, why }, None);
             }
         }
     }
@@ -154,10 +155,10 @@ impl Recorder {
         loop {
             let is_last = stop.load(Ordering::Relaxed);
             let mut written = Ok(Written::Done);
-            while let Some(record) = self.next()
-                && matches!(written, Ok(Written::Done))
+            while matches!(written, Ok(Written::Done))
+                && let Some(waiting) = self.next()
             {
-                written = file.write(&record);
+                written = file.write(&waiting.record);
             }
             let is_due = is_last || flushed_at.elapsed() >= FLUSH_INTERVAL;
             if is_due && matches!(written, Ok(Written::Done)) {
@@ -181,11 +182,11 @@ impl Recorder {
         *locked(&self.state) = State::default();
     }
 
-    fn next(&self) -> Option<Record> {
+    fn next(&self) -> Option<Waiting> {
         let mut state = locked(&self.state);
-        let record = state.queue.pop_front()?;
-        state.queued_bytes -= queued_bytes(&record.event);
-        Some(record)
+        let waiting = state.queue.pop_front()?;
+        state.queued_bytes -= queued_bytes(&waiting.record.event);
+        Some(waiting)
     }
 }
 
@@ -197,9 +198,30 @@ fn queued_bytes(event: &Event) -> usize {
 }
 
 impl State {
-    fn put(&mut self, at_ns: u64, event: Event) {
+    /// The number of a request with a payload of so many bytes, if it is to be recorded. `None` is more than is recorded.
+    /// Its session is recorded no further where it is not.
+    fn admit(
+        &mut self,
+        session: u64,
+        payload_bytes: Option<usize>,
+        has_memory: bool,
+    ) -> Result<u64, SessionEnd> {
+        self.sessions.insert(session);
+        let why = match payload_bytes {
+            None => SessionEnd::TooLarge,
+            Some(bytes) if has_memory && self.queued_bytes + bytes <= MOST_QUEUED_BYTES => {
+                self.numbers += 1;
+                return Ok(self.numbers);
+            }
+            Some(_) => SessionEnd::TooFast,
+        };
+        self.dropped.insert(session);
+        Err(why)
+    }
+
+    fn put(&mut self, at_ns: u64, event: Event, charge: Option<Charge>) {
         self.queued_bytes += queued_bytes(&event);
-        self.queue.push_back(Record { at_ns, event });
+        self.queue.push_back(Waiting { record: Record { at_ns, event }, _charge: charge });
     }
 }
 
@@ -213,10 +235,53 @@ impl RecordTicket {
         match Answered::of(&request, asked, (header, pages), |_| ()) {
             Ok(answered) => {
                 let at_ns = recorder.now_ns();
-                locked(&recorder.state).put(at_ns, Event::Answer { number, answered });
+                locked(&recorder.state).put(at_ns, Event::Answer { number, answered }, None);
             }
             // The request stays in the recording, without an answer to compare.
             Err(error) => log::warn!("an answer is not recorded: {error}"),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bytemuck::Zeroable;
+    use pairmask_wire::RequestHeader;
+
+    use super::*;
+
+    fn request(number: u64, payload_bytes: usize) -> Event {
+        let header = Box::new(RequestHeader::zeroed());
+        Event::Request { session: number, number, header, payload: vec![0; payload_bytes] }
+    }
+
+    #[test]
+    fn a_session_that_has_no_room_is_recorded_no_further_and_others_are() {
+        let mut state = State::default();
+        let half = MOST_QUEUED_BYTES / 2 - RECORD_BYTES;
+        for number in 1..=2 {
+            assert_eq!(state.admit(number, Some(half), true), Ok(number));
+            state.put(0, request(number, half), None);
+        }
+        assert_eq!(state.admit(3, Some(1), true), Err(SessionEnd::TooFast), "the queue is full");
+        assert_eq!(state.admit(4, None, true), Err(SessionEnd::TooLarge));
+        assert_eq!(state.admit(5, Some(0), false), Err(SessionEnd::TooFast), "over its share");
+        assert_eq!(state.dropped, HashSet::from([3, 4, 5]));
+        assert_eq!(state.admit(6, Some(0), true), Ok(3), "numbers have no gaps");
+    }
+
+    /// As where the disk is full.
+    #[test]
+    fn a_file_that_cannot_be_written_ends_the_recording_and_frees_what_waits() {
+        let name = tempfile::NamedTempFile::new().expect("a temporary file");
+        let file = RecordFile::unwritable(name.path());
+        let (recorder, thread) = Recorder::start(file).expect("a thread");
+        locked(&recorder.state).put(0, request(1, 10), None);
+        while recorder.is_open.load(Ordering::Relaxed) {
+            std::thread::yield_now();
+        }
+        drop(thread);
+        let state = locked(&recorder.state);
+        assert!(state.queue.is_empty() && state.queued_bytes == 0);
     }
 }
