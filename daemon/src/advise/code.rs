@@ -126,7 +126,7 @@ fn changes() -> Vec<String> {
         "if answer.is_resync() {",
         "    known.clear(); // all pairs come anew",
         "}",
-        "// Those that ended first: a pair whose index has another box now may be in both.",
+        "// These first: an index may have another box now.",
         "for ended in answer.ended() {",
         "    known.remove(&ended.pair);",
         "}",

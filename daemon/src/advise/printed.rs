@@ -155,11 +155,12 @@ fn scene_changes(program: Program<'_>) -> Result<(), Box<dyn Error>> {
     if answer.is_resync() {
         known.clear(); // all pairs come anew
     }
-    known.extend(answer.pairs());
-    known.extend(answer.begun());
+    // These first: an index may have another box now.
     for ended in answer.ended() {
         known.remove(&ended.pair);
     }
+    known.extend(answer.begun());
+    known.extend(answer.pairs());
     Ok(())
 }
 
@@ -176,11 +177,12 @@ fn margin(program: Program<'_>) -> Result<(), Box<dyn Error>> {
     if answer.is_resync() {
         known.clear(); // all pairs come anew
     }
-    known.extend(answer.pairs());
-    known.extend(answer.begun());
+    // These first: an index may have another box now.
     for ended in answer.ended() {
         known.remove(&ended.pair);
     }
+    known.extend(answer.begun());
+    known.extend(answer.pairs());
     Ok(())
 }
 
@@ -216,10 +218,11 @@ fn shared(program: Program<'_>) -> Result<(), Box<dyn Error>> {
     if answer.is_resync() {
         known.clear(); // all pairs come anew
     }
-    known.extend(answer.pairs());
-    known.extend(answer.begun());
+    // These first: an index may have another box now.
     for ended in answer.ended() {
         known.remove(&ended.pair);
     }
+    known.extend(answer.begun());
+    known.extend(answer.pairs());
     Ok(())
 }
