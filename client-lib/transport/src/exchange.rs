@@ -136,3 +136,70 @@ impl Exchange {
         AnswerMemory { response, _pending: self.pending, _slot: self.slot }
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use pairmask_wire::{InstanceName, Version, words_in, words_in_mut};
+
+    use super::*;
+    use crate::budget::Budget;
+    use crate::counters::Counters;
+    use crate::door::Door;
+    use crate::instance::{DaemonRecord, RuntimeDir};
+    use crate::limits::quiet_transport_log;
+    use crate::link::LinkOptions;
+    use crate::peer::CheckedRequest;
+
+    const WORDS: usize = 100_000;
+
+    /// Sends what `fill` writes, and closes the session when the daemon has the request.
+    fn close_under_way(dir: &RuntimeDir, door: &Door, number: u32) -> CheckedRequest {
+        let instance = &InstanceName::default();
+        let options = LinkOptions { dir, instance, capacity: None, leaves_silent: false };
+        let link = Arc::new(Link::open(&options).unwrap());
+        let mut frame = link.loan(4 * WORDS as u64).unwrap();
+        words_in_mut(frame.loan.pages_mut()).fill(number);
+        let header = bytemuck::Zeroable::zeroed();
+        let exchange = Exchange::begin(frame, &header).ok().unwrap();
+        let mut received = Vec::new();
+        while received.is_empty() {
+            for peer in door.peers() {
+                peer.receive(|request| received.push(request));
+            }
+        }
+        let request = received.pop().unwrap();
+        drop((link, exchange));
+        request
+    }
+
+    #[test]
+    fn what_is_under_way_stays_as_it_is_when_its_session_is_closed() {
+        quiet_transport_log();
+        let home = tempfile::tempdir().unwrap();
+        let (dir, name) = (RuntimeDir::at(home.path()), InstanceName::default());
+        dir.ensure().unwrap();
+        let door =
+            Door::open(&dir, &name, 8, Budget::new(1 << 30, 8), Counters::unseen(8)).unwrap();
+        let pid = std::process::id();
+        let version = Version::CURRENT;
+        let record = DaemonRecord { worker_pid: pid, supervisor_pid: pid, version, fences: 0 };
+        dir.write_record(&name, &record).unwrap();
+        std::thread::scope(|scope| {
+            let porter = scope.spawn(|| door.attend());
+            // Asserted when the door has ended: a test that fails does not wait for it.
+            let stayed = (1..=20).all(|number| {
+                let request = close_under_way(&dir, &door, number);
+                let until = Instant::now() + Duration::from_millis(5);
+                let is_awaited =
+                    std::iter::from_fn(|| (Instant::now() < until).then(|| request.is_wanted()));
+                let is_let_go = !is_awaited.fold(false, |any, is_wanted| any | is_wanted);
+                let words = words_in(request.pages());
+                is_let_go && words.len() >= WORDS && words[..WORDS].iter().all(|w| *w == number)
+            });
+            door.end();
+            porter.join().unwrap().unwrap();
+            assert!(stayed, "it is not wanted again, and its memory is as it was");
+        });
+    }
+}

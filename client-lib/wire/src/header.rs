@@ -89,6 +89,8 @@ pub enum Operation {
     LeaveShared = 10,
     /// Find the boxes of a scene that rays hit or spheres touch.
     CastScene = 11,
+    /// Report which boxes of a scene that several sessions write changed after a tick (since 1.15).
+    ObserveShared = 12,
 }
 
 impl RequestHeader {

@@ -10,7 +10,9 @@ use crate::header::{Operation, RequestHeader, engine_number, thread_number, thre
 use crate::page::Page;
 use crate::reject::Reject;
 use crate::rules::{PARTS, RulesSections};
-use crate::scene::{CastRequest, JoinRequest, LeaseRequest, QueryRequest, SceneId, SceneRequest};
+use crate::scene::{
+    CastRequest, JoinRequest, LeaseRequest, ObserveRequest, QueryRequest, SceneId, SceneRequest,
+};
 use crate::section::{SECTION_COUNT, Section, SectionKind, has, slots};
 use crate::{REQUEST_MAGIC, VERSION_MAJOR};
 
@@ -121,6 +123,8 @@ pub enum Request {
     CommitShared(SceneRequest),
     /// Leave a shared scene.
     LeaveShared(SceneId),
+    /// Report which boxes of a shared scene changed.
+    ObserveShared(ObserveRequest),
 }
 
 /// Flag of a cull: an engine finds the pairs, also where the frame is equal to the last one.
@@ -200,6 +204,7 @@ impl Request {
                 SceneRequest::parse(header, payload_bytes).map(Self::CommitShared)
             }
             Operation::LeaveShared => Ok(Self::LeaveShared(scene)),
+            Operation::ObserveShared => Ok(Self::ObserveShared(ObserveRequest::parse(header))),
         }
     }
 

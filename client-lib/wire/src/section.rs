@@ -89,6 +89,8 @@ pub enum SectionKind {
     Hits = 28,
     /// User data of boxes of a shared scene: index u32, user data u64, without alignment.
     UserData = 29,
+    /// Boxes of a shared scene that changed, 56 bytes each.
+    ObservedBoxes = 30,
 }
 
 impl SectionKind {

@@ -3,8 +3,8 @@
 use bytemuck::{Pod, Zeroable};
 use pairmask_core::mask::MaskView;
 use pairmask_wire::{
-    CastReply, Page, Reply, ReplyError, ReplyFields, Request, ResponseHeader, SceneAnswerLayout,
-    SceneReply, SceneRequest, StatusCode, words_in,
+    CastReply, ObserveReply, Page, Reply, ReplyError, ReplyFields, Request, ResponseHeader,
+    SceneAnswerLayout, SceneReply, SceneRequest, StatusCode, words_in,
 };
 
 /// Something that an answer names: which of its sets it is of, and up to three numbers.
@@ -20,6 +20,8 @@ pub enum Set {
     Resync = 4,
     Hits = 5,
     Detail = 6,
+    /// A face of a box, or with number 6 the index's incarnation.
+    Observed = 7,
 }
 
 impl Set {
@@ -134,6 +136,17 @@ pub fn entries(
             Reply::check_envelope(header, asked)?;
             for (at, detail) in header.detail.iter().enumerate() {
                 each(Set::Detail.entry([(detail >> 32) as u32, *detail as u32, at as u32]));
+            }
+        }
+        Request::ObserveShared(_) => {
+            let reply = ObserveReply::parse(header, asked, payload_bytes)?;
+            for observed in reply.read(pages, u32::MAX)? {
+                let [min, max] =
+                    [observed.aabb.min, observed.aabb.max].map(|c| c.map(f32::to_bits));
+                let facts = min.into_iter().chain(max).chain([observed.incarnation]);
+                for (at, fact) in (0..).zip(facts) {
+                    each(Set::Observed.entry([observed.index, at, fact]));
+                }
             }
         }
         // What a member joins with may be left open by all.

@@ -94,6 +94,7 @@ impl LocalSession {
             Request::JoinShared(_)
             | Request::LeaseShared(_)
             | Request::CommitShared(_)
+            | Request::ObserveShared(_)
             | Request::LeaveShared(_)
             | Request::Status => return Ok(None),
         };

@@ -192,6 +192,10 @@ impl Responder {
                 self.shared.lease(open, &request);
                 return Err(Served::OTHER);
             }
+            Ok(Request::ObserveShared(request)) => {
+                self.shared.observe(open, &request);
+                return Err(Served::OTHER);
+            }
             Ok(Request::LeaveShared(scene)) => self.shared.leave(&mut open, scene),
             Ok(Request::EndScene(scene)) => self.scenes.end(&mut open, scene),
             Ok(Request::Status) => match open.put(bytemuck::bytes_of(&self.outbox.status())) {

@@ -4,7 +4,7 @@ use pairmask_core::cast::{Hit, Hits, Ray, Shapes};
 use pairmask_core::mask::{MaskShape, MaskView};
 use pairmask_core::scene::QueryFilterData;
 use pairmask_wire::{
-    CastReply, CastRequest, PAGE_BYTES, Page, Reply, ReplyFields, ResponseHeader,
+    CastReply, CastRequest, ObserveReply, PAGE_BYTES, Page, Reply, ReplyFields, ResponseHeader,
     SceneAnswerLayout, SceneId, SceneReply, StatusBody, TermsDiffer, TickMarks, lease_error,
     not_leased, parse_joined, parse_leased, words_in, world_ranges_in,
 };
@@ -47,6 +47,12 @@ pub fn decode(data: &[u8]) {
     }
     if let Ok(reply) = CastReply::parse(&header, &asked, payload_bytes) {
         cast(&reply, &pages);
+    }
+    if let Ok(reply) = ObserveReply::parse(&header, &asked, payload_bytes)
+        && let Ok(boxes) = reply.read(&pages, INDEX_END)
+    {
+        assert!(boxes.is_sorted_by(|a, b| a.index < b.index));
+        assert!(boxes.iter().all(|observed| observed.index < INDEX_END));
     }
     let bytes: &[u8] = bytemuck::cast_slice(&pages);
     let _ = StatusBody::parse(&header, &asked, bytes);

@@ -48,7 +48,10 @@ fn read(request: &Request, pages: &[Page]) -> bool {
             lease(request);
             true
         }
-        Request::Status | Request::EndScene(_) | Request::LeaveShared(_) => true,
+        Request::Status
+        | Request::EndScene(_)
+        | Request::LeaveShared(_)
+        | Request::ObserveShared(_) => true,
     }
 }
 
@@ -66,6 +69,9 @@ fn written(header: &RequestHeader, request: &Request) -> RequestHeader {
         Request::LeaseShared(request) => RequestHeader::lease_shared(client_token, frame, request),
         Request::CommitShared(request) => {
             RequestHeader::commit_shared(client_token, frame, request)
+        }
+        Request::ObserveShared(request) => {
+            RequestHeader::observe_shared(client_token, frame, request)
         }
         Request::LeaveShared(scene) => RequestHeader::leave_shared(client_token, frame, *scene),
     }

@@ -11,6 +11,7 @@ mod fences;
 mod filtered_frames;
 mod full_shm;
 mod margined_scenes;
+mod observers;
 mod precision;
 mod queries;
 mod recordings;

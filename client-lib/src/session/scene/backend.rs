@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use pairmask_core::aabb::Aabb;
-use pairmask_core::scene::shared::LeaseError;
+use pairmask_core::scene::shared::{AtEnd, LeaseError};
 use pairmask_core::scene::{
     Draft, Edit, Given, MarginStats, Margined, Replica, Replicas, Report, Scene as CoreScene,
     Snapshots,
@@ -269,6 +269,11 @@ impl Scene {
     /// How long a tick of a shared scene is open after its first commit, at the most; `None` of another scene.
     pub fn tick_deadline(&self) -> Option<Duration> {
         self.backend.sharing()?.terms().deadline
+    }
+
+    /// What becomes of the boxes of a shared scene's writer that dies; `None` of another scene.
+    pub fn at_end(&self) -> Option<AtEnd> {
+        self.backend.sharing()?.terms().at_end
     }
 
     pub(super) fn replicas(&self) -> Replicas<'_> {

@@ -199,7 +199,7 @@ impl Question for Cast<'_> {
 
     fn ask(&self, asked: Asked<'_>, estimate: &mut Estimate) -> Result<HitAnswer, Error> {
         let Self { shapes, hits, filter_data, .. } = self;
-        let Asked { core, link, scene, revision, threads, index_end } = asked;
+        let Asked { core, link, scene, revision, threads, index_end, .. } = asked;
         let too_many = Error::TooManyBoxes { n: shapes.len(), limit: u64::from(u32::MAX) };
         let request = CastRequest::new(scene, revision, *shapes, *hits, filter_data);
         let Some(mut request) = request else { return Err(too_many) };

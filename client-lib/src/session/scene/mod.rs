@@ -11,6 +11,7 @@
 //! edit      what an edit does, until it is sent
 //! query     which boxes some other boxes overlap
 //! cast      which boxes rays hit, and which are nearest
+//! observe   which boxes of a shared scene changed, regardless of who wrote them
 //! shift     worlds whose origin moves
 //! snapshots scenes that go back to what they were
 //! file      scenes that are saved, and loaded again
@@ -22,6 +23,7 @@ mod cast;
 mod edit;
 mod file;
 mod lists;
+mod observe;
 mod options;
 mod query;
 mod question;
@@ -34,5 +36,6 @@ pub use self::answer::SceneAnswer;
 pub use self::backend::Scene;
 pub use self::cast::HitAnswer;
 pub use self::edit::SceneEdit;
+pub use self::observe::ObservedBoxes;
 pub use self::options::SceneOptions;
 pub use self::query::QueryAnswer;

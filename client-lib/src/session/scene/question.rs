@@ -21,9 +21,11 @@ pub(super) struct Asked<'a> {
     pub threads: Option<usize>,
     /// Indices of its boxes are below this.
     pub index_end: u32,
+    /// The last tick of which its observer knows; 0 for none.
+    pub observed: u64,
 }
 
-/// A query or a cast.
+/// A query, a cast, or what an observer asks.
 pub(super) trait Question {
     type Answer;
 

@@ -419,6 +419,13 @@ impl RemoteScene {
         self.ask_here(question)
     }
 
+    /// The observer knows of all up to a tick.
+    pub fn note_observed(&mut self, tick: u64) {
+        if let Some(sharing) = &mut self.sharing {
+            sharing.observed = tick;
+        }
+    }
+
     /// Asks the daemon, which gets the scene first where it does not have it.
     fn ask_daemon<Q: Question>(&mut self, question: &Q) -> Result<Q::Answer, Error> {
         let link = self.present()?;
@@ -433,6 +440,7 @@ impl RemoteScene {
             revision,
             threads: self.options.threads,
             index_end: self.index_end(),
+            observed: self.sharing.as_ref().map_or(0, |sharing| sharing.observed),
         };
         question.ask(asked, &mut self.query_estimate)
     }

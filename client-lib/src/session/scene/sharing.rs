@@ -44,6 +44,8 @@ pub(super) struct Sharing {
     pub before: Option<Box<Before>>,
     /// Whether the last such commit was refused, and taken back here.
     pub was_undone: bool,
+    /// The last tick that was observed since it joined; 0 for none.
+    pub observed: u64,
 }
 
 /// User data by index, where it is not 0.
@@ -95,6 +97,7 @@ impl Sharing {
             gave_filters: false,
             before: None,
             was_undone: false,
+            observed: 0,
         }
     }
 
@@ -121,6 +124,8 @@ impl Sharing {
             |pages| self.name.write(pages),
         )?;
         let agreed = parse_joined(&answer.header, &asked)?;
+        // It may be another scene, whose ticks count anew.
+        self.observed = 0;
         let AgreedTerms { most_boxes, deadline, at_end } = agreed;
         self.terms = SharedTerms {
             most_boxes: Some(most_boxes),

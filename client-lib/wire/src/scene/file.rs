@@ -210,7 +210,7 @@ mod tests {
     #[test]
     fn what_is_saved_is_read_and_what_follows_is_left() {
         let bytes = saved();
-        assert_eq!(bytes[..8], *b"PMSC\x01\x00\x0e\x00");
+        assert_eq!(bytes[..8], *b"PMSC\x01\x00\x0f\x00");
         assert_eq!(read(&bytes).expect("right"), bytes);
         let both = [bytes.clone(), b"more".to_vec()].concat();
         let mut rest = &both[..];

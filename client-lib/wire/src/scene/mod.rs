@@ -6,6 +6,7 @@
 //! query     boxes that are asked of a scene
 //! cast      rays and spheres that are cast into it
 //! questions what both have in their payload
+//! observe   which boxes of a shared scene changed
 //! answer    the header and the payload of what is reported
 //! shared    scenes that several sessions write
 //! tick      what a tick of theirs says beside pairs
@@ -16,6 +17,7 @@ mod answer;
 mod body;
 mod cast;
 mod file;
+mod observe;
 mod query;
 mod questions;
 mod request;
@@ -26,6 +28,7 @@ pub use answer::{EndedPairs, SceneAnswerLayout, SceneReply, response_scene, resp
 pub use body::{EditLayout, EditScratch};
 pub use cast::{CastReply, CastRequest, response_cast};
 pub use file::{SceneFile, SceneFileError, write_scene};
+pub use observe::{OBSERVED_BYTES, ObserveReply, ObserveRequest, ObservedBox, response_observed};
 pub use query::QueryRequest;
 pub use request::{SceneId, SceneRequest};
 pub use shared::{

@@ -20,7 +20,7 @@ struct Bytes(Vec<u8>);
 impl Bytes {
     /// Those of a header, up to its version.
     fn of_magic(magic: &[u8]) -> Self {
-        Self([magic, b"\x01\x00\x0e\x00"].concat())
+        Self([magic, b"\x01\x00\x0f\x00"].concat())
     }
 
     fn u32(mut self, values: &[u32]) -> Self {

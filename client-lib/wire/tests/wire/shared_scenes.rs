@@ -206,7 +206,7 @@ fn golden_commit_and_leave() {
 /// Compares the start of a response, its detail, and sections of late ranges by their places.
 fn compare(header: &ResponseHeader, flags: u64, detail: [u64; 4], sections: &[(usize, [u64; 2])]) {
     let bytes: &[u8] = bytemuck::bytes_of(header);
-    assert_eq!(bytes[..8], *b"PMRS\x01\x00\x0e\x00");
+    assert_eq!(bytes[..8], *b"PMRS\x01\x00\x0f\x00");
     assert_eq!(
         bytes[8..32],
         *bytemuck::bytes_of(&[flags << 32, TOKEN, FRAME]),

@@ -7,8 +7,11 @@ use pairmask_core::dispatch::StageTimes;
 use pairmask_core::scene::shared::{
     Incarnations, MovedBoxes, NamedPair, Ranges, RemainingBoxes, Remains, TickChanges,
 };
-use pairmask_core::scene::{Edit, EndReason, Report, Reported, SceneCopy, SceneError, Sets, Step};
+use pairmask_core::scene::{
+    BoxSnapshot, Edit, EndReason, Report, Reported, SceneCopy, SceneError, Sets, Step,
+};
 use pairmask_core::{Aabb, EngineChoice};
+use pairmask_wire::ObservedBox;
 
 use super::SceneTools;
 use crate::audit::{AuditedScene, Auditor, SceneNote};
@@ -36,6 +39,8 @@ pub(super) struct Boxes {
     pub(super) moved: MovedBoxes,
     /// Whose user data changed at which tick.
     marked: MovedBoxes,
+    /// The last tick.
+    tick: u64,
     /// Boxes whose writers have left.
     kept: RemainingBoxes,
     room: SceneRoom,
@@ -84,6 +89,13 @@ impl UserDataOf<'_> {
         let of = |index| (index, self.copy.states().user_data(index));
         self.marked.after(tick).into_iter().map(of).collect()
     }
+}
+
+/// What became of boxes after a tick.
+pub(super) struct Observed {
+    pub tick: u64,
+    pub is_whole: bool,
+    pub boxes: Vec<ObservedBox>,
 }
 
 /// What edits of the open tick take that were checked, and wait to be applied.
@@ -142,6 +154,7 @@ impl Boxes {
             incarnations: Incarnations::default(),
             moved: MovedBoxes::default(),
             marked: MovedBoxes::default(),
+            tick: 0,
             kept: RemainingBoxes::default(),
             room: SceneRoom::begin(&tools.totals, &tools.shared, counts)?,
             tools,
@@ -186,7 +199,13 @@ impl Boxes {
         self.scene.limit_pairs(most);
     }
 
+    /// Notes the boxes that are removed between ticks, as of the next one.
+    pub fn note_removed(&mut self, edit: Edit<'_>) {
+        self.moved.note_named(self.tick + 1, edit, &self.copy);
+    }
+
     pub fn note_moved(&mut self, tick: u64, edit: Edit<'_>) {
+        self.tick = tick;
         self.moved.note_named(tick, edit, &self.copy);
         self.marked.note_marked(tick, edit, &self.copy, &self.kept);
     }
@@ -311,6 +330,34 @@ impl Boxes {
 
     pub fn changes(&self) -> TickChanges {
         TickChanges::of(self.scene.reported(), &self.incarnations)
+    }
+
+    /// All indices with boxes are below it.
+    pub const fn index_end(&self) -> usize {
+        self.copy.index_end()
+    }
+
+    /// What became of boxes after a tick; of all, where it is 0, or none of this scene's.
+    pub fn observed_after(&self, after: u64) -> Observed {
+        let is_whole = after == 0 || after > self.tick;
+        let after = if is_whole { 0 } else { after };
+        let mut indices = self.moved.after(after);
+        indices.extend(self.marked.after(after));
+        indices.sort_unstable();
+        indices.dedup();
+        let of = |index| {
+            let mut observed = ObservedBox::removed(index, self.incarnations.of(index));
+            observed.user_data = self.copy.states().user_data(index);
+            match self.copy.snapshot(index) {
+                Some(BoxSnapshot { b, is_on, filter_data, .. }) => {
+                    observed.filter_data = filter_data;
+                    Some(observed.with_box(b, is_on))
+                }
+                None => (!is_whole).then_some(observed),
+            }
+        };
+        let boxes = indices.into_iter().filter_map(of).collect();
+        Observed { tick: self.tick, is_whole, boxes }
     }
 
     pub const fn user_data(&self) -> UserDataOf<'_> {

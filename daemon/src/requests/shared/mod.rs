@@ -22,8 +22,8 @@ use std::time::Instant;
 
 use pairmask_core::scene::shared::{AtEnd, MemberId};
 use pairmask_wire::{
-    AgreedTerms, JoinRequest, LeaseRequest, Reject, SceneId, SceneName, SceneRequest,
-    response_joined, response_leased, response_scene_ended,
+    AgreedTerms, JoinRequest, LeaseRequest, ObserveRequest, Reject, SceneId, SceneName,
+    SceneRequest, response_joined, response_leased, response_scene_ended,
 };
 
 use self::scene::SharedScene;
@@ -159,6 +159,15 @@ impl SharedScenes {
         let on_gpu = answered.unwrap_or(false);
         let gpu = if on_gpu { GpuNeed::Alone } else { GpuNeed::None };
         Served { threads, on_gpu, gpu, ..Served::BEGUN }
+    }
+
+    /// Answers which boxes changed.
+    pub(super) fn observe(&self, mut open: OpenRequest, request: &ObserveRequest) {
+        let found = self.find((open.sender.session, request.scene));
+        let observed = found
+            .ok_or_else(|| Refusal::stale_scene(0))
+            .and_then(|(scene, _)| scene.observe(&mut open, request.after));
+        self.outbox.send_and_close(open, observed);
     }
 
     pub(super) fn leave(&self, open: &mut OpenRequest, scene: SceneId) {

@@ -7,11 +7,16 @@ use std::ops::Range;
 use std::sync::{Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
+use pairmask_core::engine::{CullError, ReplyBuffer};
 use pairmask_core::scene::shared::{AtEnd, LeaseError, MemberId, Ticks};
 use pairmask_core::scene::{Edit, SceneOptions};
-use pairmask_wire::{AgreedTerms, EditScratch, JoinRequest, LeaseAction, SceneName, SceneRequest};
+use pairmask_transport::Memory;
+use pairmask_wire::{
+    AgreedTerms, EditScratch, JoinRequest, LeaseAction, OBSERVED_BYTES, ResponseHeader, SceneName,
+    SceneRequest, response_observed,
+};
 
-use super::boxes::Boxes;
+use super::boxes::{Boxes, Observed};
 use super::seats::{Begun, Commit, Recipient, Seats};
 use super::{SceneTools, locked, tick};
 use crate::execute::EnginePool;
@@ -166,6 +171,21 @@ impl SharedScene {
         Ok(boxes.scene.engine().is_gpu())
     }
 
+    /// Answers which boxes changed after a tick, into the request's reply.
+    pub fn observe(&self, open: &mut OpenRequest, after: u64) -> Result<ResponseHeader, Refusal> {
+        let boxes = locked(&self.boxes);
+        let bytes = (OBSERVED_BYTES * boxes.index_end()) as u64;
+        let _charge = open.share().charge(Memory::Own, bytes)?;
+        let observed = boxes.observed_after(after);
+        drop(boxes);
+        let bytes: &[u32] = bytemuck::cast_slice(&observed.boxes);
+        let (_, mut reply) = open.payload_and_reply();
+        let words = reply.reserve(bytes.len() as u64).map_err(CullError::from)?;
+        words[..bytes.len()].copy_from_slice(bytes);
+        let Observed { tick, is_whole, boxes } = &observed;
+        Ok(response_observed(&open.fields, *tick, *is_whole, boxes.len()))
+    }
+
     /// Ends the open tick if that is due. How many threads took part.
     pub fn end_tick(&self, pool: &EnginePool, outbox: &Outbox) -> usize {
         let due = self.seats().threads_if_due(Instant::now(), pool.threads());
@@ -225,6 +245,7 @@ impl SharedScene {
             return;
         }
         let recipients: Vec<&Recipient> = recipients.iter().collect();
+        boxes.note_removed(Edit { steps: &steps });
         if let Err(error) = tick::apply(boxes, &recipients, Edit { steps: &steps }, 1) {
             log::warn!("scene '{}': removing boxes of a member that has left: {error}", self.name);
         }

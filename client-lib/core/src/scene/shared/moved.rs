@@ -17,9 +17,13 @@ pub struct MovedBoxes {
 }
 
 impl MovedBoxes {
-    /// Notes the boxes that the edits of a tick name, which were checked against the copy and are not applied to it yet.
+    /// Notes the boxes that the edits of a tick name or remove, which were checked against the copy and are not applied to it
+    /// yet.
     pub fn note_named(&mut self, tick: u64, edit: Edit<'_>, copy: &SceneCopy) {
-        self.note(tick, copy.index_end(), |f| copy.for_each_named(edit, f));
+        self.note(tick, copy.index_end(), |f| {
+            copy.for_each_named(edit, &mut *f);
+            edit.for_each_removed(f);
+        });
     }
 
     /// Notes the boxes whose user data the edits of a tick change, among them boxes that take the index of a removed one,
@@ -46,8 +50,10 @@ impl MovedBoxes {
 
     fn note(&mut self, tick: u64, end: usize, each: impl FnOnce(&mut dyn FnMut(u32))) {
         let Self { ticks, last, of_last } = self;
-        *last = tick;
-        of_last.clear();
+        if *last != tick {
+            *last = tick;
+            of_last.clear();
+        }
         ticks.resize(end.max(ticks.len()), 0);
         each(&mut |index| {
             // A listed pair may name an index beyond all boxes.

@@ -41,9 +41,13 @@ impl Incarnations {
         }
     }
 
+    /// How many boxes an index has lost.
+    pub fn of(&self, index: u32) -> u32 {
+        self.lost.get(&index).copied().unwrap_or(0)
+    }
+
     fn now(&self, pair: Pair) -> NamedPair {
-        let of = |index| self.lost.get(&index).copied().unwrap_or(0);
-        NamedPair { pair, incarnations: pair.map(of) }
+        NamedPair { pair, incarnations: pair.map(|index| self.of(index)) }
     }
 
     /// The name of a pair as it was before the last edit.
