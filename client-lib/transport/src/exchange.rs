@@ -153,7 +153,7 @@ mod tests {
 
     const WORDS: usize = 100_000;
 
-    /// Sends what `fill` writes, and closes the session when the daemon has the request.
+    /// Sends a payload of one number, and closes the session when the daemon has the request.
     fn close_under_way(dir: &RuntimeDir, door: &Door, number: u32) -> CheckedRequest {
         let instance = &InstanceName::default();
         let options = LinkOptions { dir, instance, capacity: None, leaves_silent: false };

@@ -41,8 +41,8 @@ pub enum BridgeError {
         /// The scene.
         scene: String,
     },
-    /// A status that is none.
-    #[error("a status that is none: {0}")]
+    /// Not a status.
+    #[error("not a status: {0}")]
     Status(#[from] serde_json::Error),
     /// Nobody reads the reports.
     #[error("printing a report: {0}")]

@@ -1,5 +1,6 @@
 //! One bridge without effects. Inputs are what its own machine's boxes did in a tick, messages, and instants; outputs are
-//! messages, edits of ghosts in the local scene, and reports of pairs between machines.
+//! messages, edits of ghosts in the local scene, and reports of pairs between machines. One file, because views, contacts and
+//! what is evaluated decide together which tick may be evaluated next.
 //!
 //! **Ticks.** Each bridge counts ticks, and jumps to the highest one that it receives. What a bridge publishes is a step
 //! function of the tick: boxes stay what they are until its next batch.
@@ -548,9 +549,9 @@ impl Node {
                 continue;
             }
             let Some(start) = start else { return Ok(()) };
-            let patience = self.config.lease() / 2;
+            let overdue_after = self.config.lease() / 2;
             let is_over = next.is_none() && first.has_received(start);
-            let is_overdue = first.ended_at.is_some_and(|at| now > at + patience);
+            let is_overdue = first.ended_at.is_some_and(|at| now > at + overdue_after);
             let has_next = self.sessions[1].has_received(start);
             if !(is_over || is_overdue) || !has_next {
                 return Ok(());

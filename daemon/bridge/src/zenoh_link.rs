@@ -28,7 +28,7 @@ use crate::node::Destination;
 /// Messages that wait to be read. More are dropped, and sent again by who has sent them.
 const MOST_WAITING: usize = 65_536;
 /// `status` receives the answers of bridges one by one: it asks again so long after the first answer of another one.
-const STATUS_PATIENCE: Duration = Duration::from_millis(1_500);
+const STATUS_WAIT: Duration = Duration::from_millis(1_500);
 /// One question, and the pause before the next.
 const STATUS_TIMEOUT: Duration = Duration::from_millis(500);
 const STATUS_PAUSE: Duration = Duration::from_millis(100);
@@ -43,7 +43,7 @@ pub enum LinkError {
     /// A name that Zenoh has no key for.
     #[error("scene '{0}': its name is no key of Zenoh: no '//', and no '/' at an end")]
     Scene(String),
-    /// An endpoint that is none.
+    /// Not an endpoint.
     #[error("'{0}' is no endpoint: name one as tcp/HOST:PORT or tls/HOST:PORT")]
     Endpoint(String),
 }
@@ -107,7 +107,7 @@ impl Meeting {
         let session = self.open(false)?;
         let key = key(scene, "status/*")?;
         let (mut found, mut new_at) = (BTreeMap::new(), Instant::now());
-        while new_at.elapsed() < STATUS_PATIENCE {
+        while new_at.elapsed() < STATUS_WAIT {
             let all = session.get(&key).target(QueryTarget::All).timeout(STATUS_TIMEOUT);
             let replies = all.wait()?;
             while let Ok(reply) = replies.recv() {

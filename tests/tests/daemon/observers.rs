@@ -173,11 +173,11 @@ fn all_is_reported_to_an_observer_where_the_daemon_has_lost_the_scene() {
     assert!(observe(&mut observer, &mut known));
     daemon.signal_worker(Signal::KILL);
     eventually("the writer joins again", || writer.edit().commit(Report::Nothing).ok().map(drop));
-    let told_all = eventually("the observer joins again", || {
+    let is_whole = eventually("the observer joins again", || {
         let observed = observer.observe().ok()?;
         (!observed.boxes.is_empty()).then_some(observed.is_whole)
     });
-    assert!(told_all);
+    assert!(is_whole);
 }
 
 #[test]

@@ -55,19 +55,19 @@ fn walk(machines: usize) {
 }
 
 #[test]
-#[ignore = "minutes"]
+#[ignore = "minutes: the nightly tier runs it"]
 fn a_hundred_thousand_crossings_of_two_bridges() {
     walk(2);
 }
 
 #[test]
-#[ignore = "minutes"]
+#[ignore = "minutes: the nightly tier runs it"]
 fn a_hundred_thousand_crossings_of_four_bridges() {
     walk(4);
 }
 
 #[test]
-#[ignore = "minutes"]
+#[ignore = "minutes: the nightly tier runs it"]
 fn a_hundred_thousand_crossings_of_eight_bridges() {
     walk(8);
 }

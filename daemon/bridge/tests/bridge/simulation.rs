@@ -1,5 +1,6 @@
 //! Bridges on a network that delays, loses, doubles and reorders messages, is cut and healed, and whose bridges are killed
-//! and started again; all by one seed. Beside it, the oracle: one big scene of all boxes, at the same ticks.
+//! and started again; all by one seed. Beside it, the oracle: one big scene of all boxes, at the same ticks. One file, since the
+//! oracle reads the crowd that the network carries.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
