@@ -135,9 +135,9 @@ pub use pairmask_core::scene::{EditError, EndReason, Ended, MarginStats, Report,
 pub use pairmask_core::sphere::Sphere;
 pub use pairmask_core::update::{Placement, Transformed};
 pub use pairmask_core::write::{BoxSource, CenterHalf, MinMax};
-pub use pairmask_wire::{SceneFileError, StatusBody as DaemonStatus};
+pub use pairmask_wire::{Observed, SceneFileError, StatusBody as DaemonStatus};
 pub use session::{
-    Backend, ConnectError, Error, Frame, FrameInfo, FrameObject, FrameOptions, HitAnswer,
-    ObservedBoxes, PairMask, Pending, Quantized, QueryAnswer, Scene, SceneAnswer, SceneEdit,
-    SceneOptions, ServedBy, Session, SessionBuilder,
+    Backend, ConnectError, Error, Frame, FrameInfo, FrameObject, FrameOptions, HitAnswer, PairMask,
+    Pending, Quantized, QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneOptions, ServedBy,
+    Session, SessionBuilder,
 };

@@ -22,9 +22,7 @@ pub use error::{ConnectError, Error};
 pub use frame::{Frame, FrameObject, FrameOptions, Quantized};
 pub use pairs::{FrameInfo, PairMask, ServedBy};
 pub use pending::Pending;
-pub use scene::{
-    HitAnswer, ObservedBoxes, QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneOptions,
-};
+pub use scene::{HitAnswer, QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneOptions};
 pub use settings::Backend;
 
 use std::sync::Arc;

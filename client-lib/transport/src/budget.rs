@@ -15,7 +15,7 @@ use crate::process_limits;
 /// of 512 MiB is a frame of some thousand boxes. A larger part would lie idle where few clients connect.
 const KEPT_PART: u64 = 4;
 
-/// The part that a client may have, and shared scenes together, as a divisor: with less, a daemon of one client would
+/// The part that a client may have, as a divisor: with less, a daemon of one client would
 /// leave most of it idle, with more, one client could take all that is not kept.
 const CLIENT_PART: u64 = 2;
 

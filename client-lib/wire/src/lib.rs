@@ -34,12 +34,11 @@ pub use rules::{
 };
 pub use scene::{
     AgreedTerms, CastReply, CastRequest, EditLayout, EditScratch, EndedPairs, JoinRequest,
-    LONGEST_TICK, LeaseAction, LeaseRequest, OBSERVED_BYTES, ObserveReply, ObserveRequest,
-    ObservedBox, QueryRequest, SceneAnswerLayout, SceneFile, SceneFileError, SceneId, SceneName,
-    SceneNameError, SceneReply, SceneRequest, SharedTerms, TermsDiffer, TickMarks, TickNotes,
-    lease_detail, lease_error, not_leased, not_leased_detail, parse_joined, parse_leased,
-    response_cast, response_joined, response_leased, response_observed, response_scene,
-    response_scene_ended, write_scene,
+    LONGEST_TICK, LeaseAction, LeaseRequest, ObserveReply, ObserveRequest, Observed, ObservedBox,
+    QueryRequest, SceneAnswerLayout, SceneFile, SceneFileError, SceneId, SceneName, SceneNameError,
+    SceneReply, SceneRequest, SharedTerms, TermsDiffer, TickMarks, TickNotes, lease_detail,
+    lease_error, not_leased, not_leased_detail, parse_joined, parse_leased, response_cast,
+    response_joined, response_leased, response_scene, response_scene_ended, write_scene,
 };
 pub use section::{SECTION_COUNT, Section, SectionKind};
 pub use status::{

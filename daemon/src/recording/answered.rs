@@ -140,7 +140,7 @@ pub fn entries(
         }
         Request::ObserveShared(_) => {
             let reply = ObserveReply::parse(header, asked, payload_bytes)?;
-            for observed in reply.read(pages, u32::MAX)? {
+            for observed in reply.read(pages, u32::MAX)?.boxes {
                 let [min, max] =
                     [observed.aabb.min, observed.aabb.max].map(|c| c.map(f32::to_bits));
                 let facts = min.into_iter().chain(max).chain([observed.incarnation]);

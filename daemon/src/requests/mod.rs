@@ -113,7 +113,6 @@ impl Responder {
             calibration,
             gpus: executor.gpus().clone(),
             totals,
-            shared: door.budget().share(),
             pool: Arc::clone(&pool),
             counters: Arc::clone(door.counters()),
             auditor,

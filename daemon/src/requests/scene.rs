@@ -8,7 +8,7 @@ use pairmask_core::engine::{AvailableIsa, CullError, ReplyBuffer};
 use pairmask_core::plan::Calibration;
 use pairmask_core::scene::{Edit, Reported, SceneError, SceneOptions};
 use pairmask_core::{EngineChoice, EngineName};
-use pairmask_transport::{Counters, Share};
+use pairmask_transport::Counters;
 use pairmask_wire::{
     EditScratch, ReplyFields, SceneAnswerLayout, SceneId, SceneRequest, TickMarks, TickNotes,
     response_scene, response_scene_ended,
@@ -27,8 +27,6 @@ pub(super) struct SceneTools {
     pub(super) calibration: Calibration,
     pub(super) gpus: Gpus,
     pub(super) totals: SceneTotals,
-    /// The memory of shared scenes, which have a share as one client has.
-    pub(super) shared: Share,
     pub(super) pool: Arc<EnginePool>,
     pub(super) counters: Arc<Counters>,
     pub(super) auditor: Arc<Auditor>,

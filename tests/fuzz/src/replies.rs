@@ -49,10 +49,10 @@ pub fn decode(data: &[u8]) {
         cast(&reply, &pages);
     }
     if let Ok(reply) = ObserveReply::parse(&header, &asked, payload_bytes)
-        && let Ok(boxes) = reply.read(&pages, INDEX_END)
+        && let Ok(observed) = reply.read(&pages, INDEX_END)
     {
-        assert!(boxes.is_sorted_by(|a, b| a.index < b.index));
-        assert!(boxes.iter().all(|observed| observed.index < INDEX_END));
+        assert!(observed.boxes.is_sorted_by(|a, b| a.index < b.index));
+        assert!(observed.boxes.iter().all(|observed| observed.index < INDEX_END));
     }
     let bytes: &[u8] = bytemuck::cast_slice(&pages);
     let _ = StatusBody::parse(&header, &asked, bytes);

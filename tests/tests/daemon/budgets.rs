@@ -142,6 +142,45 @@ fn ten_greedy_clients_are_held_to_the_memory_that_there_may_be() {
     assert!((limit / 4..limit).contains(&most), "{} of {} MiB", most / MIB, limit / MIB);
 }
 
+/// A shared scene that one client fills takes nothing that others' shared scenes are sure of.
+#[test]
+fn a_shared_scene_counts_as_who_opened_it() {
+    let daemon = TestDaemon::start(&["--gpu", "none", "--max-memory", "512M"]);
+    let [mut greedy, mut second, mut small] = [(); 3].map(|()| daemon.connect());
+    let shared = |session: &mut Session, name: &str| {
+        session.scene(SceneOptions::default().with_shared(name)).unwrap()
+    };
+    let fill = |session: &mut Session, name: &str| {
+        let (mut scene, boxes) = (shared(session, name), row(20_000, 0.7));
+        let mut part = 0;
+        loop {
+            let indices = 20_000 * part..20_000 * (part + 1);
+            scene.lease(indices.clone()).unwrap();
+            if is_refused(scene.edit().set_all(indices, &boxes).commit(Report::Nothing)) {
+                return (scene, part);
+            }
+            part += 1;
+        }
+    };
+    let (filled, parts) = fill(&mut greedy, "greedy");
+    assert!(is_refused(greedy.ask(&row(1_000_000, 0.7)).wait()), "its own frames are refused");
+    let (_second, others) = fill(&mut second, "second");
+    assert!(parts > others && others > 0, "{parts} and {others}");
+    let mut scene = shared(&mut small, "small");
+    scene.lease(0..1_000).unwrap();
+    let boxes = row(1_000, 0.7);
+    let edit = scene.edit().set_all(0..1_000, &boxes);
+    assert_eq!(edit.commit(Report::All).unwrap().pairs().len(), 999);
+    // Who opened it leaves, and another one goes on with it.
+    let mut joined = shared(&mut small, "greedy");
+    drop((filled, greedy));
+    let indices = joined.lease_any(1_000).unwrap();
+    eventually("there is room again", || {
+        let edit = joined.edit().set_all(indices.clone(), &boxes);
+        (!is_refused(edit.commit(Report::Changes))).then_some(())
+    });
+}
+
 /// Frames of so many boxes, each in another hole of a file: how many were answered, refused, and the bytes that are there
 /// at the end.
 fn read_holes(daemon: &TestDaemon, n: u32, frames: u64, pause: Duration) -> (u32, u32, u64) {

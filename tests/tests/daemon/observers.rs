@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use pairmask::filters::{FilterData, Owner, World};
+use pairmask::filters::{Filter, FilterData, FilterTable, Owner, World};
 use pairmask::{Aabb, AtEnd, Error, Pending, Scene, SceneAnswer, SceneOptions};
 use pairmask_tests::prelude::*;
 
@@ -138,6 +138,32 @@ fn observers_know_every_box_after_any_edits() {
         observe(&mut observers[0], &mut known[0]);
         known[0].is_empty().then_some(())
     });
+}
+
+#[test]
+fn an_observer_knows_the_table_of_filters() {
+    let daemon = TestDaemon::of_cores();
+    let mut sessions = [(); 2].map(|()| daemon.connect());
+    let [one, two] = &mut sessions;
+    let (mut writer, mut observer) = (join(one, AtEnd::Remove), join(two, AtEnd::Remove));
+    writer.lease(0..10).unwrap();
+    drop(writer.edit().set(3, at(0.0)).commit(Report::Nothing).unwrap());
+    assert_eq!(observer.observe().unwrap().filters, Some(FilterTable::default()), "all is asked");
+    for mask in 1..4 {
+        let table = FilterTable::new(&[Filter::new(1, mask), Filter::ALL.with_group(-7)]).unwrap();
+        drop(writer.edit().filter_table(&table).commit(Report::Nothing).unwrap());
+        let observed = observer.observe().unwrap();
+        assert_eq!(
+            (observed.boxes.len(), observed.filters),
+            (1, Some(table)),
+            "its filter changed"
+        );
+        drop(writer.edit().set(3, at(mask as f32)).commit(Report::Nothing).unwrap());
+        assert_eq!(observer.observe().unwrap().filters, None, "it did not change");
+    }
+    let [_, mut late] = [daemon.connect(), daemon.connect()];
+    let filters = join(&mut late, AtEnd::Remove).observe().unwrap().filters;
+    assert_eq!(filters.expect("all is asked").filters().len(), 2);
 }
 
 #[test]

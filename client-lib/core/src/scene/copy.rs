@@ -9,7 +9,7 @@ use super::rules::{FilterHistory, apply_rules};
 use super::snapshot::BoxSnapshot;
 use super::states::{BoxStates, EDIT_REMOVES, EDIT_SETS, PRESENT, grow};
 use crate::aabb::Aabb;
-use crate::filters::{FilterData, Rules};
+use crate::filters::{FilterData, FilterTable, Rules};
 use crate::write::par_write_boxes;
 
 /// Boxes, flags, collision filters and user data of a scene, by index: 25 bytes an index, 12 more up to the last one with
@@ -100,6 +100,11 @@ impl SceneCopy {
     /// The box of an index, its flags and filter data.
     pub fn snapshot(&self, index: u32) -> Option<BoxSnapshot> {
         Some(BoxSnapshot::of(self.get(index)?, index, &self.states))
+    }
+
+    /// The table of filters.
+    pub const fn filter_table(&self) -> &FilterTable {
+        &self.states.filters.rules().table
     }
 
     /// What is known of each index beside its box.

@@ -36,6 +36,5 @@ pub use self::answer::SceneAnswer;
 pub use self::backend::Scene;
 pub use self::cast::HitAnswer;
 pub use self::edit::SceneEdit;
-pub use self::observe::ObservedBoxes;
 pub use self::options::SceneOptions;
 pub use self::query::QueryAnswer;

@@ -3,7 +3,7 @@
 use pairmask_core::pacing::Estimate;
 use pairmask_core::scene::Scene as CoreScene;
 use pairmask_core::units::BoxCount;
-use pairmask_wire::{ObserveReply, ObserveRequest, ObservedBox, ReplyFields, RequestHeader};
+use pairmask_wire::{ObserveReply, ObserveRequest, Observed, ReplyFields, RequestHeader};
 
 use super::backend::{Scene, SceneBackend};
 use super::question::{Asked, Question};
@@ -11,23 +11,13 @@ use crate::session::core::Core;
 use crate::session::error::Error;
 use crate::session::link::Exchange;
 
-/// What changed of a shared scene since it was observed last.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ObservedBoxes {
-    /// The last tick that is in it.
-    pub tick: u64,
-    /// Whether these are all boxes, and others are gone: the first time, and where the daemon has lost the scene.
-    pub is_whole: bool,
-    /// Indices with what they have now, rising. Boxes with margins are the inflated ones.
-    pub boxes: Vec<ObservedBox>,
-}
-
 impl Scene {
     /// Reports which boxes of a shared scene changed since this was asked last, regardless of who wrote them, and what they are now:
     /// for programs that record a scene, draw it, or bring it to another machine. It changes nothing, and needs no lease.
     ///
     /// A box that was removed is reported, also where its writer has ended. One that changed and came back to what it was
-    /// may be reported, and so may one whose removal was. The answer copies 56 bytes a box while ticks wait for it.
+    /// may be reported, and so may one whose removal was. All boxes are reported the first time, and where the daemon has
+    /// lost the scene. Boxes with margins are the inflated ones. The answer copies 56 bytes a box while ticks wait for it.
     ///
     /// ```no_run
     /// use pairmask::{SceneOptions, Session};
@@ -44,7 +34,7 @@ impl Scene {
     ///
     /// # Errors
     /// [`Error::NotShared`], among others.
-    pub fn observe(&mut self) -> Result<ObservedBoxes, Error> {
+    pub fn observe(&mut self) -> Result<Observed, Error> {
         match &mut self.backend {
             SceneBackend::Remote(scene) if scene.sharing().is_some() => {
                 let observed = scene.ask(&Observe)?;
@@ -60,13 +50,13 @@ impl Scene {
 struct Observe;
 
 impl Question for Observe {
-    type Answer = ObservedBoxes;
+    type Answer = Observed;
 
     fn is_empty(&self) -> bool {
         false
     }
 
-    fn ask(&self, asked: Asked<'_>, estimate: &mut Estimate) -> Result<ObservedBoxes, Error> {
+    fn ask(&self, asked: Asked<'_>, estimate: &mut Estimate) -> Result<Observed, Error> {
         let Asked { core, link, scene, index_end, observed, .. } = asked;
         let shared = core.loan(link, 0)?;
         let request = ObserveRequest { scene, after: observed };
@@ -78,11 +68,10 @@ impl Question for Observe {
         let answer = core.end(exchange, estimate.expect(0))?;
         let pages = answer.memory.pages();
         let reply = ObserveReply::parse(&answer.header, &fields, size_of_val(pages) as u64)?;
-        let boxes = reply.read(pages, index_end)?;
-        Ok(ObservedBoxes { tick: reply.tick, is_whole: reply.is_whole, boxes })
+        Ok(reply.read(pages, index_end)?)
     }
 
-    fn ask_here(&self, _: &Core, _: &mut CoreScene) -> Result<ObservedBoxes, Error> {
+    fn ask_here(&self, _: &Core, _: &mut CoreScene) -> Result<Observed, Error> {
         Err(Error::NotShared)
     }
 }

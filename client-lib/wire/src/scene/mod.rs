@@ -28,7 +28,7 @@ pub use answer::{EndedPairs, SceneAnswerLayout, SceneReply, response_scene, resp
 pub use body::{EditLayout, EditScratch};
 pub use cast::{CastReply, CastRequest, response_cast};
 pub use file::{SceneFile, SceneFileError, write_scene};
-pub use observe::{OBSERVED_BYTES, ObserveReply, ObserveRequest, ObservedBox, response_observed};
+pub use observe::{ObserveReply, ObserveRequest, Observed, ObservedBox};
 pub use query::QueryRequest;
 pub use request::{SceneId, SceneRequest};
 pub use shared::{

@@ -2,18 +2,21 @@
 
 use bytemuck::{Pod, Zeroable};
 use pairmask_core::aabb::Aabb;
-use pairmask_core::filters::FilterData;
+use pairmask_core::filters::{Filter, FilterData, FilterTable};
 
 use super::request::SceneId;
 use crate::header::{Operation, RequestHeader};
 use crate::page::Page;
 use crate::reply::{Reply, ReplyError, ReplyFields, ResponseHeader, envelope};
-use crate::section::{Section, SectionKind, find, slots};
+use crate::rules::entries::{FILTER_WORDS, filter_of, words_of};
+use crate::section::{Section, SectionKind, find, has, slots};
 use crate::status_code::StatusCode;
 
 /// Bytes of an observed box in a reply.
-pub const OBSERVED_BYTES: usize = size_of::<ObservedBox>();
+const OBSERVED_BYTES: usize = size_of::<ObservedBox>();
 const _: () = assert!(OBSERVED_BYTES == 56);
+/// Bytes of a filter in a reply.
+const FILTER_BYTES: usize = size_of::<[u32; FILTER_WORDS]>();
 
 /// Flag of an observed box: the index has one.
 const PRESENT: u32 = 1;
@@ -97,24 +100,49 @@ impl RequestHeader {
     }
 }
 
-/// The header of an answer with so many boxes, which begin the payload, as of a tick. `is_whole`: they are all boxes that
-/// there are, whatever was asked for.
-pub fn response_observed(
-    fields: &ReplyFields,
-    tick: u64,
-    is_whole: bool,
-    boxes: usize,
-) -> ResponseHeader {
-    let mut header = ResponseHeader {
-        sections: slots([Section::required(
-            SectionKind::ObservedBoxes,
-            0,
-            (boxes * OBSERVED_BYTES) as u64,
-        )]),
-        ..envelope(fields, StatusCode::Ok)
-    };
-    (header.detail[0], header.detail[1]) = (tick, is_whole.into());
-    header
+/// What an observer is answered.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Observed {
+    /// The last tick that is in it. Removals by a member's end may be later ones.
+    pub tick: u64,
+    /// Whether these are all boxes that there are, whatever was asked for, and others are gone.
+    pub is_whole: bool,
+    /// By rising index.
+    pub boxes: Vec<ObservedBox>,
+    /// The table of filters, where it may have changed.
+    pub filters: Option<FilterTable>,
+}
+
+impl Observed {
+    fn sections(&self) -> impl Iterator<Item = Section> {
+        let boxes = (self.boxes.len() * OBSERVED_BYTES) as u64;
+        let filters = self.filters.as_ref().map(|table| {
+            let bytes = (table.filters().len() * FILTER_BYTES) as u64;
+            Section::required(SectionKind::RuleFilters, boxes, bytes)
+        });
+        [Section::required(SectionKind::ObservedBoxes, 0, boxes)].into_iter().chain(filters)
+    }
+
+    /// Bytes of the payload of an answer with so many boxes and filters.
+    pub const fn payload_bytes(boxes: usize, filters: usize) -> usize {
+        boxes * OBSERVED_BYTES + filters * FILTER_BYTES
+    }
+
+    /// Words of the payload.
+    pub fn payload_words(&self) -> usize {
+        self.sections().map(|section| section.bytes as usize).sum::<usize>() / size_of::<u32>()
+    }
+
+    /// Writes the payload, and returns the header. `payload` has [so many](Self::payload_words) words at the least.
+    pub fn write(&self, fields: &ReplyFields, payload: &mut [u32]) -> ResponseHeader {
+        let filters = self.filters.iter().flat_map(FilterTable::filters).flat_map(words_of);
+        let boxes: &[u32] = bytemuck::cast_slice(&self.boxes);
+        payload.iter_mut().zip(boxes.iter().copied().chain(filters)).for_each(|(to, w)| *to = w);
+        let mut header =
+            ResponseHeader { sections: slots(self.sections()), ..envelope(fields, StatusCode::Ok) };
+        (header.detail[0], header.detail[1]) = (self.tick, self.is_whole.into());
+        header
+    }
 }
 
 /// A validated answer to an observer.
@@ -125,6 +153,7 @@ pub struct ObserveReply {
     /// Whether all boxes are in it, and others are gone.
     pub is_whole: bool,
     boxes: Section,
+    filters: Option<Section>,
 }
 
 impl ObserveReply {
@@ -141,20 +170,36 @@ impl ObserveReply {
         let bytes = OBSERVED_BYTES as u64;
         let boxes = find(&header.sections, SectionKind::ObservedBoxes, bytes, payload_bytes);
         let boxes = boxes.ok_or(ReplyError::Malformed { field: "observed boxes" })?;
-        Ok(Self { tick: header.detail[0], is_whole: header.detail[1] != 0, boxes })
+        let kind = SectionKind::RuleFilters;
+        let filters = find(&header.sections, kind, FILTER_BYTES as u64, payload_bytes);
+        if has(&header.sections, kind) && filters.is_none() {
+            return Err(ReplyError::Malformed { field: "filters" });
+        }
+        Ok(Self { tick: header.detail[0], is_whole: header.detail[1] != 0, boxes, filters })
     }
 
-    /// Copies the boxes, which another process may write meanwhile, and checks the copy: rising indices, each below
-    /// `index_end`.
+    /// Copies the boxes and filters, which another process may write meanwhile, and checks the copy: rising indices, each
+    /// below `index_end`.
     ///
     /// # Errors
     /// [`ReplyError::Malformed`].
-    pub fn read(&self, pages: &[Page], index_end: u32) -> Result<Vec<ObservedBox>, ReplyError> {
+    pub fn read(&self, pages: &[Page], index_end: u32) -> Result<Observed, ReplyError> {
         let malformed = ReplyError::Malformed { field: "observed boxes" };
         let boxes = self.boxes.entries_in::<ObservedBox>(pages).ok_or(malformed)?.to_vec();
         let is_rising = boxes.is_sorted_by(|a, b| a.index < b.index);
         let is_within = boxes.last().is_none_or(|last| last.index < index_end);
-        if is_rising && is_within { Ok(boxes) } else { Err(malformed) }
+        if !is_rising || !is_within {
+            return Err(malformed);
+        }
+        let malformed = ReplyError::Malformed { field: "filters" };
+        let table = |section: Section| {
+            let words = section.entries_in::<[u32; FILTER_WORDS]>(pages)?;
+            let filters: Vec<Filter> = words.iter().map(filter_of).collect();
+            FilterTable::new(&filters).ok()
+        };
+        let table = self.filters.map(|section| table(section).ok_or(malformed));
+        let Self { tick, is_whole, .. } = *self;
+        Ok(Observed { tick, is_whole, boxes, filters: table.transpose()? })
     }
 }
 
@@ -168,13 +213,21 @@ mod tests {
     const FIELDS: ReplyFields =
         ReplyFields { client_token: 1, frame: 2, box_count: BoxCount::new(0) };
 
-    fn read(boxes: &[ObservedBox], header: &ResponseHeader) -> Result<(), ReplyError> {
+    /// Boxes of a tick, with two filters.
+    fn observed(boxes: &[ObservedBox]) -> Observed {
+        let table = FilterTable::new(&[Filter::new(1, 2).with_group(-3), Filter::ALL]);
+        let filters = Some(table.expect("two filters"));
+        Observed { tick: 70, is_whole: true, boxes: boxes.to_vec(), filters }
+    }
+
+    /// Writes an answer, forges its header, and reads it.
+    fn read(observed: &Observed, forge: fn(&mut ResponseHeader)) -> Result<(), ReplyError> {
         let mut pages: Vec<Page> = vec![Zeroable::zeroed(); 1];
-        let bytes: &[u8] = bytemuck::cast_slice(boxes);
-        bytemuck::cast_slice_mut(&mut pages)[..bytes.len()].copy_from_slice(bytes);
-        let reply = ObserveReply::parse(header, &FIELDS, PAGE)?;
-        assert_eq!((reply.tick, reply.is_whole), (70, true));
-        reply.read(&pages, 9).map(|read| assert_eq!(read, boxes))
+        let words = bytemuck::cast_slice_mut(&mut pages);
+        let mut header = observed.write(&FIELDS, &mut words[..observed.payload_words()]);
+        forge(&mut header);
+        let reply = ObserveReply::parse(&header, &FIELDS, PAGE)?;
+        reply.read(&pages, 9).map(|read| assert_eq!(read, *observed))
     }
 
     #[test]
@@ -188,28 +241,32 @@ mod tests {
         let boxes = [ObservedBox::removed(0, 1), off, off.with_box(aabb, true)];
         let boxes = [boxes[0], boxes[1], ObservedBox { index: 8, user_data: 9, ..boxes[2] }];
         assert!(!boxes[0].is_present() && boxes[2].is_enabled());
-        assert_eq!(read(&boxes, &response_observed(&FIELDS, 70, true, 3)), Ok(()));
-        assert_eq!(read(&[], &response_observed(&FIELDS, 70, true, 0)), Ok(()));
+        for of in [observed(&boxes), observed(&[])] {
+            assert_eq!(read(&of, |_| ()), Ok(()));
+            for filters in [None, Some(FilterTable::default())] {
+                assert_eq!(read(&Observed { filters, ..of.clone() }, |_| ()), Ok(()));
+            }
+        }
     }
 
     #[test]
     fn forged_answers_are_refused() {
-        let boxes = |indices: [u32; 2]| indices.map(|index| ObservedBox::removed(index, 0));
-        let right = response_observed(&FIELDS, 70, true, 2);
-        assert_eq!(read(&boxes([0, 8]), &right), Ok(()));
+        let of = |indices: [u32; 2]| observed(&indices.map(|index| ObservedBox::removed(index, 0)));
+        assert_eq!(read(&of([0, 8]), |_| ()), Ok(()));
         for indices in [[0, 9], [3, 3], [4, 2]] {
-            assert!(read(&boxes(indices), &right).is_err(), "{indices:?}");
+            assert!(read(&of(indices), |_| ()).is_err(), "{indices:?}");
         }
         for forge in [
             (|h| h.frame = 3) as fn(&mut ResponseHeader),
             |h| h.sections[0].bytes += 1,
             |h| h.sections[0].bytes = PAGE + 56,
             |h| h.sections[0] = Section::default(),
-            |h| h.sections[1] = h.sections[0],
+            |h| h.sections[2] = h.sections[0],
+            |h| h.sections[1].bytes -= 4,
+            |h| h.sections[1].offset = PAGE,
+            |h| h.sections[2] = h.sections[1],
         ] {
-            let mut forged = right;
-            forge(&mut forged);
-            assert!(read(&boxes([0, 8]), &forged).is_err());
+            assert!(read(&of([0, 8]), forge).is_err());
         }
     }
 }

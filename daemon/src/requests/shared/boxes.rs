@@ -11,7 +11,8 @@ use pairmask_core::scene::{
     BoxSnapshot, Edit, EndReason, Report, Reported, SceneCopy, SceneError, Sets, Step,
 };
 use pairmask_core::{Aabb, EngineChoice};
-use pairmask_wire::ObservedBox;
+use pairmask_transport::Share;
+use pairmask_wire::{Observed, ObservedBox};
 
 use super::SceneTools;
 use crate::audit::{AuditedScene, Auditor, SceneNote};
@@ -39,6 +40,8 @@ pub(super) struct Boxes {
     pub(super) moved: MovedBoxes,
     /// Whose user data changed at which tick.
     marked: MovedBoxes,
+    /// At which tick the table of filters was given.
+    filters_at: u64,
     /// The last tick.
     tick: u64,
     /// Boxes whose writers have left.
@@ -91,13 +94,6 @@ impl UserDataOf<'_> {
     }
 }
 
-/// What became of boxes after a tick.
-pub(super) struct Observed {
-    pub tick: u64,
-    pub is_whole: bool,
-    pub boxes: Vec<ObservedBox>,
-}
-
 /// What edits of the open tick take that were checked, and wait to be applied.
 #[derive(Clone, Copy, Debug, Default)]
 struct Pending {
@@ -141,8 +137,13 @@ fn audit_edit(
 }
 
 impl Boxes {
-    /// No boxes, whose indices are below a limit.
-    pub fn begin(limit: u32, engine: EngineChoice, tools: SceneTools) -> Result<Self, Refusal> {
+    /// No boxes, whose indices are below a limit. They draw from a client's share, also when it has left.
+    pub fn begin(
+        limit: u32,
+        engine: EngineChoice,
+        tools: SceneTools,
+        share: &Share,
+    ) -> Result<Self, Refusal> {
         let audit = tools.auditor.draw_scene(limit);
         let counts = tools.counters.scene(0, 0);
         Ok(Self {
@@ -154,9 +155,10 @@ impl Boxes {
             incarnations: Incarnations::default(),
             moved: MovedBoxes::default(),
             marked: MovedBoxes::default(),
+            filters_at: 0,
             tick: 0,
             kept: RemainingBoxes::default(),
-            room: SceneRoom::begin(&tools.totals, &tools.shared, counts)?,
+            room: SceneRoom::begin(&tools.totals, share, counts)?,
             tools,
             members_bytes: 0,
             pending: Pending::default(),
@@ -208,6 +210,9 @@ impl Boxes {
         self.tick = tick;
         self.moved.note_named(tick, edit, &self.copy);
         self.marked.note_marked(tick, edit, &self.copy, &self.kept);
+        if edit.has_table() {
+            self.filters_at = tick;
+        }
     }
 
     /// Applies edits that were checked, by so many threads.
@@ -337,6 +342,11 @@ impl Boxes {
         self.copy.index_end()
     }
 
+    /// Filters of the table.
+    pub fn filters(&self) -> usize {
+        self.copy.filter_table().filters().len()
+    }
+
     /// What became of boxes after a tick; of all, where it is 0, or none of this scene's.
     pub fn observed_after(&self, after: u64) -> Observed {
         let is_whole = after == 0 || after > self.tick;
@@ -357,7 +367,9 @@ impl Boxes {
             }
         };
         let boxes = indices.into_iter().filter_map(of).collect();
-        Observed { tick: self.tick, is_whole, boxes }
+        let has_filters = is_whole || self.filters_at > after;
+        let filters = has_filters.then(|| self.copy.filter_table().clone());
+        Observed { tick: self.tick, is_whole, boxes, filters }
     }
 
     pub const fn user_data(&self) -> UserDataOf<'_> {

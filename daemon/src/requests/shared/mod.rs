@@ -21,6 +21,7 @@ use std::sync::{Arc, Mutex, Weak};
 use std::time::Instant;
 
 use pairmask_core::scene::shared::{AtEnd, MemberId};
+use pairmask_transport::Share;
 use pairmask_wire::{
     AgreedTerms, JoinRequest, LeaseRequest, ObserveRequest, Reject, SceneId, SceneName,
     SceneRequest, response_joined, response_leased, response_scene_ended,
@@ -64,7 +65,7 @@ impl SharedScenes {
         let session = open.sender.session;
         self.end((session, request.scene), End::JoinsAgain);
         let joined = match SceneName::read(request, open.pages()) {
-            Some(name) => self.join_named(&name, session, request),
+            Some(name) => self.join_named(&name, &open, request),
             None => Err(Reject::Edit("name").into()),
         };
         let header = joined.map(|terms| response_joined(&open.fields, &terms));
@@ -74,17 +75,18 @@ impl SharedScenes {
     fn join_named(
         &self,
         name: &SceneName,
-        session: u64,
+        open: &OpenRequest,
         request: &JoinRequest,
     ) -> Result<AgreedTerms, Refusal> {
         loop {
-            let scene = self.of_name(name, request)?;
+            let scene = self.of_name(name, request, open.share())?;
             // Its last member may have left since it was found.
             let Some(joined) = scene.join(request) else { continue };
             let terms = scene.terms;
             match joined {
                 Ok(member) => {
-                    locked(&self.joined).insert((session, request.scene), (scene, member));
+                    locked(&self.joined)
+                        .insert((open.sender.session, request.scene), (scene, member));
                     return Ok(terms);
                 }
                 Err(refusal) => {
@@ -100,12 +102,13 @@ impl SharedScenes {
         &self,
         name: &SceneName,
         request: &JoinRequest,
+        share: &Share,
     ) -> Result<Arc<SharedScene>, Refusal> {
         let mut by_name = locked(&self.by_name);
         if let Some(scene) = by_name.get(name).filter(|scene| !scene.seats().has_ended) {
             return Ok(Arc::clone(scene));
         }
-        let scene = SharedScene::begin(name.clone(), request, self.tools.clone())?;
+        let scene = SharedScene::begin(name.clone(), request, self.tools.clone(), share)?;
         let scene = Arc::new(scene);
         by_name.insert(name.clone(), Arc::clone(&scene));
         Ok(scene)

@@ -10,13 +10,13 @@ use std::time::{Duration, Instant};
 use pairmask_core::engine::{CullError, ReplyBuffer};
 use pairmask_core::scene::shared::{AtEnd, LeaseError, MemberId, Ticks};
 use pairmask_core::scene::{Edit, SceneOptions};
-use pairmask_transport::Memory;
+use pairmask_transport::{Memory, Share};
 use pairmask_wire::{
-    AgreedTerms, EditScratch, JoinRequest, LeaseAction, OBSERVED_BYTES, ResponseHeader, SceneName,
-    SceneRequest, response_observed,
+    AgreedTerms, EditScratch, JoinRequest, LeaseAction, Observed, ResponseHeader, SceneName,
+    SceneRequest,
 };
 
-use super::boxes::{Boxes, Observed};
+use super::boxes::Boxes;
 use super::seats::{Begun, Commit, Recipient, Seats};
 use super::{SceneTools, locked, tick};
 use crate::execute::EnginePool;
@@ -42,6 +42,7 @@ impl SharedScene {
         name: SceneName,
         request: &JoinRequest,
         tools: SceneTools,
+        share: &Share,
     ) -> Result<Self, Refusal> {
         let asked = request.terms;
         let options = SceneOptions::default();
@@ -51,7 +52,7 @@ impl SharedScene {
         Ok(Self {
             name,
             terms: AgreedTerms { most_boxes, deadline, at_end: asked.at_end.unwrap_or_default() },
-            boxes: Mutex::new(Boxes::begin(most_boxes, request.engine, tools)?),
+            boxes: Mutex::new(Boxes::begin(most_boxes, request.engine, tools, share)?),
             seats: Mutex::new(Seats::new(Ticks::new(deadline))),
         })
     }
@@ -174,16 +175,14 @@ impl SharedScene {
     /// Answers which boxes changed after a tick, into the request's reply.
     pub fn observe(&self, open: &mut OpenRequest, after: u64) -> Result<ResponseHeader, Refusal> {
         let boxes = locked(&self.boxes);
-        let bytes = (OBSERVED_BYTES * boxes.index_end()) as u64;
-        let _charge = open.share().charge(Memory::Own, bytes)?;
+        let bytes = Observed::payload_bytes(boxes.index_end(), boxes.filters());
+        let _charge = open.share().charge(Memory::Own, bytes as u64)?;
         let observed = boxes.observed_after(after);
         drop(boxes);
-        let bytes: &[u32] = bytemuck::cast_slice(&observed.boxes);
+        let fields = open.fields;
         let (_, mut reply) = open.payload_and_reply();
-        let words = reply.reserve(bytes.len() as u64).map_err(CullError::from)?;
-        words[..bytes.len()].copy_from_slice(bytes);
-        let Observed { tick, is_whole, boxes } = &observed;
-        Ok(response_observed(&open.fields, *tick, *is_whole, boxes.len()))
+        let words = reply.reserve(observed.payload_words() as u64).map_err(CullError::from)?;
+        Ok(observed.write(&fields, words))
     }
 
     /// Ends the open tick if that is due. How many threads took part.
