@@ -423,7 +423,7 @@ fn every_recording_in_the_repository_replays() {
         .filter(|path| path.extension().is_some_and(|extension| extension == "pmrec"))
         .collect();
     files.sort();
-    assert_eq!(files.len(), 10, "{files:?}");
+    assert_eq!(files.len(), 11, "{files:?}");
     let daemon = TestDaemon::of_cores();
     for file in files {
         let bytes = fs::read(&file).unwrap();

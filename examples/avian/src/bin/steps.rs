@@ -1,4 +1,4 @@
-//! Times of steps with avian's own broad phase and with pairmask: `cargo run --release --bin steps`.
+//! Times of steps with avian's own broad phase and with pairmask: `cargo run --release --bin steps [BODIES..]`.
 
 use std::ops::Range;
 use std::time::{Duration, Instant};
@@ -18,7 +18,12 @@ fn main() {
     println!(
         "bodies             broad phase µs: avian  pairmask   whole update ms: avian  pairmask"
     );
-    for bodies in [1_000, 4_000, 16_000] {
+    let mut sizes: Vec<usize> =
+        std::env::args().skip(1).map(|n| n.parse().expect("a number of bodies")).collect();
+    if sizes.is_empty() {
+        sizes = vec![1_000, 4_000, 16_000];
+    }
+    for bodies in sizes {
         let [own, ours] = [false, true].map(|pairmask| measure(bodies, pairmask));
         for (phase, own, ours) in [("falling", own.0, ours.0), ("at rest", own.1, ours.1)] {
             println!(
