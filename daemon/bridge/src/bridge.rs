@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 use std::io::Write;
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use pairmask_core::engine::CullError;
-use pairmask_core::filters::Rules;
 use serde::{Deserialize, Serialize};
 
 use crate::ids::{BoxId, PairId, Peer};
@@ -16,6 +16,8 @@ use crate::zenoh_link::{LinkError, Meeting, ZenohLink};
 
 /// How long the next tick waits where the daemon does not answer.
 const PAUSE: Duration = Duration::from_millis(50);
+/// How long links that could not be made wait for the next try.
+const LINK_PAUSE: Duration = Duration::from_secs(1);
 /// Ticks are no shorter: a scene that nobody else writes would tick as fast as the bridge commits. A game beside it may tick
 /// at 250 Hz.
 const SHORTEST_TICK: Duration = Duration::from_millis(4);
@@ -153,7 +155,11 @@ fn pair_text(pair: &PairId) -> PairText {
 pub struct Bridge {
     settings: Settings,
     member: Member,
-    link: ZenohLink,
+    /// None while it is made anew.
+    link: Option<ZenohLink>,
+    opening: Option<JoinHandle<Result<ZenohLink, LinkError>>>,
+    /// Messages that earlier links had no room for.
+    dropped: u64,
     node: Node,
     begun: Instant,
     ticked_at: Duration,
@@ -178,14 +184,15 @@ impl Bridge {
             terms: Terms { axis: settings.axis, lease_ms: settings.lease_ms },
             margin: settings.margin,
             at_end: member.at_end(),
-            rules: Rules::default(),
             rebalance: settings.rebalance,
         };
         Ok(Self {
             node: Node::new(config, Duration::ZERO),
             settings,
             member,
-            link,
+            link: Some(link),
+            opening: None,
+            dropped: 0,
             begun: Instant::now(),
             ticked_at: Duration::ZERO,
             status_at: Duration::ZERO,
@@ -218,7 +225,8 @@ impl Bridge {
             }
         };
         let now = self.begun.elapsed();
-        while let Some(bytes) = self.link.receive() {
+        self.take_link();
+        while let Some(bytes) = self.link.as_ref().and_then(ZenohLink::receive) {
             self.received_bytes += bytes.len() as u64;
             if let Err(refused) = self.node.receive(&bytes, now) {
                 self.note_refused(refused);
@@ -227,7 +235,15 @@ impl Bridge {
         let output = self.node.tick(&changes, now)?;
         for (to, bytes) in output.messages {
             self.sent_bytes += bytes.len() as u64;
-            self.link.send(to, bytes)?;
+            if let Some(link) = &self.link {
+                link.send(to, bytes)?;
+            }
+        }
+        if output.lacks_link && self.opening.is_none() {
+            log::warn!(
+                "others reach machines that this one does not reach: its links are made anew"
+            );
+            self.open_again(Duration::ZERO);
         }
         self.member.add(output.ghosts);
         if self.settings.prints_json {
@@ -235,9 +251,41 @@ impl Bridge {
         }
         if now >= self.status_at {
             self.status_at = now + STATUS_INTERVAL;
-            self.link.set_status(self.status()?);
+            let status = self.status()?;
+            if let Some(link) = &self.link {
+                link.set_status(status);
+            }
         }
         Ok(())
+    }
+
+    /// Ends the links, and makes them anew on a thread: other bridges say then to whom to connect. Zenoh connects again by
+    /// itself to the endpoint alone that all were given.
+    fn open_again(&mut self, pause: Duration) {
+        let old = self.link.take();
+        self.dropped += old.as_ref().map_or(0, ZenohLink::dropped);
+        let Settings { meeting, place, me, .. } = &self.settings;
+        let (meeting, scene, machine) = (meeting.clone(), place.scene.clone(), me.machine);
+        self.opening = Some(std::thread::spawn(move || {
+            // It may have that endpoint.
+            if let Some(Err(error)) = old.map(ZenohLink::close) {
+                log::warn!("closing the links: {error}");
+            }
+            std::thread::sleep(pause);
+            ZenohLink::open(&meeting, &scene, machine)
+        }));
+    }
+
+    fn take_link(&mut self) {
+        let Some(opening) = self.opening.take_if(|opening| opening.is_finished()) else { return };
+        match opening.join() {
+            Ok(Ok(link)) => self.link = Some(link),
+            failed => {
+                let why = failed.map(|failed| failed.err().map(|error| error.to_string()));
+                log::warn!("making links anew: {why:?}");
+                self.open_again(LINK_PAUSE);
+            }
+        }
     }
 
     fn note_refused(&mut self, refused: Refused) {
@@ -291,7 +339,7 @@ impl Bridge {
             missing: status.missing.iter().map(|machine| machine.0).collect(),
             sent_bytes: self.sent_bytes,
             received_bytes: self.received_bytes,
-            dropped: self.link.dropped(),
+            dropped: self.dropped + self.link.as_ref().map_or(0, ZenohLink::dropped),
             refused: self.refused.clone(),
             peers: status.peers.iter().map(peer).collect(),
             cuts: status.cuts,

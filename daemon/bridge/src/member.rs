@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::time::Duration;
 
+use pairmask::filters::{FilterData, FilterId, FilterTable};
 use pairmask::{Aabb, AtEnd, Backend, Error, Report, Scene, SceneOptions, Session};
 
 use crate::ids::MachineId;
@@ -26,15 +27,28 @@ pub struct Place {
     pub deadline: Option<Duration>,
 }
 
+/// A ghost in this scene.
+#[derive(Clone, Copy, Debug)]
+struct Written {
+    /// Its index here.
+    at: u32,
+    /// What it is on its machine.
+    local: Local,
+    /// Its filter data here: its filter is in this scene's table.
+    filter_data: FilterData,
+}
+
 /// The membership.
 pub struct Member {
     _session: Session,
     scene: Scene,
     free: BTreeSet<u32>,
-    /// Indices of this scene by those of other machines.
-    ghosts: HashMap<(MachineId, u32), (u32, Local)>,
+    /// By machines and indices there.
+    ghosts: HashMap<(MachineId, u32), Written>,
     /// Indices of others' boxes here.
     known: HashSet<u32>,
+    /// The scene's filters.
+    filters: FilterTable,
     /// Ghosts of the next commit, and indices whose boxes it removes.
     due: BTreeMap<(MachineId, u32), Option<Local>>,
     removed: BTreeSet<u32>,
@@ -62,6 +76,7 @@ impl Member {
             free: BTreeSet::new(),
             ghosts: HashMap::new(),
             known: HashSet::new(),
+            filters: FilterTable::default(),
             due: BTreeMap::new(),
             removed: BTreeSet::new(),
             has_failed: false,
@@ -87,6 +102,12 @@ impl Member {
         let observed = self.scene.observe()?;
         let own: Vec<_> = self.scene.leases().to_vec();
         let is_own = |index: u32| own.iter().any(|range| range.contains(&index));
+        if let Some(filters) = observed.filters {
+            self.filters = filters;
+            for (key, ghost) in &self.ghosts {
+                self.due.entry(*key).or_insert(Some(ghost.local));
+            }
+        }
         let mut gone = if observed.is_whole { self.known.clone() } else { HashSet::new() };
         let mut changes = Vec::new();
         for of in observed.boxes.iter().filter(|of| !is_own(of.index)) {
@@ -94,6 +115,7 @@ impl Member {
             let state = BoxState {
                 aabb: of.aabb,
                 filter_data: of.filter_data,
+                filter: self.filters.get(of.filter_data.filter),
                 user_data: of.user_data,
                 is_enabled: of.is_enabled(),
             };
@@ -112,7 +134,8 @@ impl Member {
     }
 
     fn commit(&mut self) -> Result<(), Error> {
-        let missing = self.due.len().saturating_sub(self.free.len()) as u32;
+        let new = self.due.keys().filter(|key| !self.ghosts.contains_key(*key)).count();
+        let missing = new.saturating_sub(self.free.len()) as u32;
         // A first lease also where there is no ghost yet: who has none is not waited for, and sees ticks pass by.
         if missing > 0 || self.scene.leases().is_empty() {
             let range = self.scene.lease_any(missing.max(1).next_multiple_of(LEASED_AT_ONCE))?;
@@ -122,38 +145,40 @@ impl Member {
         for (key, state) in &self.due {
             let was = self.ghosts.get(key).copied();
             let Some(state) = *state else {
-                if let Some((at, _)) = self.ghosts.remove(key) {
-                    self.removed.insert(at);
+                if let Some(ghost) = self.ghosts.remove(key) {
+                    self.removed.insert(ghost.at);
                 }
                 continue;
             };
-            let Some(at) = was.map_or_else(|| self.free.pop_last(), |(at, _)| Some(at)) else {
+            let Some(at) = was.map_or_else(|| self.free.pop_last(), |was| Some(was.at)) else {
                 continue;
             };
-            let was = was.map(|(_, was)| was).filter(|(incarnation, _)| *incarnation == state.0);
+            let was = was.filter(|was| was.local.0 == state.0);
             if was.is_none() {
                 // Another box, also where the index had one.
                 self.removed.insert(at);
             }
-            self.ghosts.insert(*key, (at, state));
-            sets.push((at, was.map(|(_, was)| was), state.1));
+            let filter_data = local_filter_data(&state.1, &self.filters);
+            let now = Written { at, local: state, filter_data };
+            self.ghosts.insert(*key, now);
+            sets.push((was, now));
         }
         let has_box = |index: &u32| self.scene.get(*index).is_some();
         let removed: Vec<u32> = self.removed.iter().copied().filter(has_box).collect();
-        let indices: Vec<u32> = sets.iter().map(|(at, ..)| *at).collect();
-        let boxes: Vec<Aabb> = sets.iter().map(|(.., state)| state.aabb).collect();
+        let indices: Vec<u32> = sets.iter().map(|(_, now)| now.at).collect();
+        let boxes: Vec<Aabb> = sets.iter().map(|(_, now)| now.local.1.aabb).collect();
         let all = self.has_failed;
         let mut edit = self.scene.edit().remove_all(&removed).set_all(&indices, &boxes);
-        for (at, was, state) in &sets {
-            if all || was.map_or(!state.is_enabled, |was| was.is_enabled != state.is_enabled) {
+        for (was, Written { at, local: (_, state), filter_data }) in &sets {
+            let was_state = was.map_or(BoxState::from(Aabb::EMPTY), |was| was.local.1);
+            if all || was_state.is_enabled != state.is_enabled {
                 edit = edit.set_enabled(*at, state.is_enabled);
             }
-            let filter_data = was.map(|was| was.filter_data).unwrap_or_default();
-            if all || filter_data != state.filter_data {
-                edit = edit.make_static(*at, state.filter_data.is_static());
-                edit = edit.set_filter(*at, state.filter_data.with_static(false));
+            if all || was.map_or(FilterData::default(), |was| was.filter_data) != *filter_data {
+                edit = edit.make_static(*at, filter_data.is_static());
+                edit = edit.set_filter(*at, filter_data.with_static(false));
             }
-            if all || was.map_or(0, |was| was.user_data) != state.user_data {
+            if all || was_state.user_data != state.user_data {
                 edit = edit.set_user_data(*at, state.user_data);
             }
         }
@@ -166,5 +191,35 @@ impl Member {
             self.free.extend(freed.into_iter().filter(|at| !used.contains(at)));
         }
         committed
+    }
+}
+
+/// Filter data for a ghost in a scene with a table: the place of a filter like its own. Where there is none, it keeps the
+/// number that it has on its machine.
+fn local_filter_data(state: &BoxState, filters: &FilterTable) -> FilterData {
+    let like = |filter: FilterId| filters.get(filter) == state.filter;
+    if like(state.filter_data.filter) {
+        return state.filter_data;
+    }
+    let found = filters.filters().iter().position(|filter| *filter == state.filter);
+    found.map_or(state.filter_data, |at| state.filter_data.with_filter(FilterId(at as u16)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pairmask::filters::{Filter, World};
+
+    #[test]
+    fn a_ghost_has_a_filter_like_its_own() {
+        let [own, other] = [Filter::new(1, 2), Filter::new(2, 1)];
+        let filter_data = FilterData::default().with_world(World(3)).with_filter(FilterId(1));
+        let state = BoxState { filter_data, filter: own, ..BoxState::from(Aabb::EMPTY) };
+        let of = |filters: &[Filter]| {
+            local_filter_data(&state, &FilterTable::new(filters).expect("few"))
+        };
+        assert_eq!(of(&[own, own]), filter_data, "also where another one is like it");
+        assert_eq!(of(&[other, other, own]), filter_data.with_filter(FilterId(2)));
+        assert_eq!(of(&[other, other]), filter_data, "none is like it");
     }
 }

@@ -33,13 +33,12 @@ use std::ops::Range;
 use std::time::Duration;
 
 use pairmask_core::engine::CullError;
-use pairmask_core::filters::Rules;
 use pairmask_core::scene::EndReason;
 use pairmask_core::scene::shared::AtEnd;
 
 use crate::ids::{BoxId, MachineId, PairId, Peer};
 use crate::protocol::{Beat, Head, Message, Proposal, Refused, Terms};
-use crate::session::{ByIndex, Change, Local, Session};
+use crate::session::{ByIndex, Change, Link, Local, Session};
 use crate::space::{Space, Spread};
 use crate::state::BoxState;
 use crate::view::{MOST_MEMBERS, Version, View};
@@ -53,6 +52,10 @@ const HOLD_TICKS: u64 = 6;
 const IMBALANCE: f64 = 1.25;
 /// Leases after which a bridge that says nothing is forgotten: numbers that nobody has any more take no memory.
 const REMEMBERED_LEASES: u32 = 16;
+/// Leases for which another bridge reaches more machines than this one before it makes its links anew: who comes or goes is
+/// known to all within two. Two that lack each other wait for so many more, at the most, each in its own way: the second one
+/// has no reason any more.
+const LACKING_LEASES: u32 = 3;
 /// Boxes by which a bridge says how its boxes are spread.
 const SPREAD_SAMPLE: usize = 4_096;
 /// Ticks are below this: a jump to the last one there is would be the end of a scene. 10^5 years of ticks at 60 Hz.
@@ -72,8 +75,6 @@ pub struct Config {
     pub margin: f32,
     /// What becomes of a lost machine's ghosts in the local scene.
     pub at_end: AtEnd,
-    /// Filters of the scene.
-    pub rules: Rules,
     /// How often cuts may follow the boxes; `None`: when members come or go alone.
     pub rebalance: Option<Duration>,
 }
@@ -133,6 +134,8 @@ pub struct Output {
     pub ghosts: Vec<Ghost>,
     /// Reports of ticks, in their order.
     pub reports: Vec<Report>,
+    /// Others reach machines that this bridge does not reach: its links are to be made anew.
+    pub lacks_link: bool,
 }
 
 /// What is known of another bridge.
@@ -198,6 +201,8 @@ pub struct Node {
     /// Pairs that this bridge reports.
     mine: BTreeSet<PairId>,
     missing: BTreeSet<MachineId>,
+    /// Since when another bridge reaches more machines.
+    lacks_since: Option<Duration>,
     written: BTreeMap<MachineId, ByIndex<Local>>,
     /// The view whose ghosts are in the local scene.
     shown: Version,
@@ -230,6 +235,7 @@ impl Node {
             retired: Vec::new(),
             mine: BTreeSet::new(),
             missing: BTreeSet::new(),
+            lacks_since: None,
             written: BTreeMap::new(),
             shown: version,
             next_beat: now,
@@ -399,17 +405,27 @@ impl Node {
     fn keep_views(&mut self, now: Duration, output: &mut Output) {
         let lease = self.config.lease();
         self.contacts.retain(|_, contact| now < contact.at + lease * REMEMBERED_LEASES);
-        // Who acknowledges nothing is as good as lost, and counts so for a while.
-        for session in &self.sessions {
-            for link in session.others().filter(|link| link.out.waits(now) > lease) {
-                let contact = self.contacts.get_mut(&link.peer.machine);
-                if let Some(contact) =
-                    contact.filter(|contact| contact.peer == link.peer && !link.is_closed)
-                {
-                    contact.suspected_until = now + lease;
-                }
+        // Who acknowledges nothing is as good as lost, and counts so for a while. Who has not accepted a view cannot: that
+        // is its steward's business, which may be lost itself. Who is in a later view acknowledges there alone, also where
+        // this bridge was left out of it.
+        let Self { config, contacts, sessions, .. } = self;
+        let may_answer = |session: &Session, link: &Link, latest: u64| {
+            let Version { counter, steward } = session.view.version;
+            let has_accepted = session.start.is_some() || link.prior.is_some();
+            steward == config.me.machine || has_accepted && latest <= counter
+        };
+        for contact in contacts.values_mut() {
+            let latest = contact.beat.as_ref().map_or(0, |beat| beat.counter);
+            let links = sessions.iter().flat_map(|session| {
+                let open = session.others().filter(|link| !link.is_closed);
+                open.filter(move |link| may_answer(session, link, latest))
+            });
+            let of = links.filter(|link| link.peer == contact.peer);
+            if of.map(|link| link.out.waits(now)).min().is_some_and(|least| least > lease) {
+                contact.suspected_until = now + lease;
             }
         }
+        output.lacks_link = self.lacks_link(now);
         if now >= self.next_beat {
             self.next_beat = now + lease / BEATS_A_LEASE;
             let beat = self.beat(now);
@@ -419,6 +435,34 @@ impl Node {
             self.propose_if_due(now);
         }
         self.drive(now, output);
+    }
+
+    /// Contacts within a lease, and itself.
+    fn reached(&self, now: Duration) -> u32 {
+        let lease = self.config.lease();
+        1 + self.contacts.values().filter(|contact| now < contact.at + lease).count() as u32
+    }
+
+    /// Whether others have reached more machines than this one for long.
+    fn lacks_link(&mut self, now: Duration) -> bool {
+        let (lease, reached) = (self.config.lease(), self.reached(now));
+        let reaches_more = |contact: &Contact| {
+            let beat = contact.beat.as_ref().filter(|_| now < contact.at + lease);
+            beat.is_some_and(|beat| beat.reached > reached)
+        };
+        if !self.contacts.values().any(reaches_more) {
+            self.lacks_since = None;
+            return false;
+        }
+        let Config { me, .. } = self.config;
+        let own_part = (me.incarnation.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40) as f64;
+        let leases = f64::from(LACKING_LEASES) * (1.0 + own_part / f64::from(1 << 24));
+        let since = *self.lacks_since.get_or_insert(now);
+        let is_long = now >= since + lease.mul_f64(leases);
+        if is_long {
+            self.lacks_since = None;
+        }
+        is_long
     }
 
     fn beat(&self, now: Duration) -> Beat {
@@ -434,6 +478,7 @@ impl Node {
             is_settled: self.is_settled(now),
             counter: self.counter,
             suspects: suspects.map(|(machine, _)| *machine).collect(),
+            reached: self.reached(now),
             spread,
         }
     }
@@ -598,7 +643,7 @@ impl Node {
     /// Reports the tick up to which the first view was advanced; `ended` is the view before, where this is its first tick.
     fn report(&mut self, ended: Option<&Session>, lost: Vec<Peer>) -> Result<Report, CullError> {
         let Some(session) = self.sessions.front() else { return Ok(Report::default()) };
-        let (me, rules) = (self.config.me, &self.config.rules);
+        let me = self.config.me;
         let axis = usize::from(session.view.space.axis);
         let mut report = Report { tick: session.applied, lost, ..Report::default() };
         for peer in &report.lost {
@@ -608,18 +653,18 @@ impl Node {
         if ended.is_some() {
             self.missing.retain(|machine| session.member(*machine).is_none());
         }
-        let all = session.replica.pairs(rules, axis)?;
+        let all = session.replica.pairs(axis)?;
         let own = all.into_iter().filter(|(_, corner)| session.view.owner(*corner) == me);
         let now: BTreeSet<PairId> = own.map(|(pair, _)| pair).collect();
         for pair in now.difference(&self.mine) {
-            let was = was_reported(session, ended, rules, *pair);
+            let was = was_reported(session, ended, *pair);
             if was { &mut report.taken } else { &mut report.begun }.push(*pair);
         }
         for pair in self.mine.difference(&now) {
             let before = |id| ended.and_then(|ended| ended.replica.now(id));
             let [a, b] = pair.map(|id| session.replica.now(id).or_else(|| before(id)));
             match (a, b) {
-                (Some(a), Some(b)) if a.meets(&b, rules) => report.given.push(*pair),
+                (Some(a), Some(b)) if a.meets(&b) => report.given.push(*pair),
                 (Some(a), Some(b)) if a.aabb.overlaps(&b.aabb) => {
                     report.ended.push((*pair, EndReason::Filtered));
                 }
@@ -678,7 +723,7 @@ impl Node {
     /// Where it stands.
     pub fn status(&self) -> Status {
         let session = self.sessions.front();
-        let peer = |link: &crate::session::Link| PeerStatus {
+        let peer = |link: &Link| PeerStatus {
             peer: link.peer,
             age: self.tick.saturating_sub(link.incoming.received),
             ghosts: link.latest.len(),
@@ -699,10 +744,10 @@ impl Node {
 }
 
 /// Whether a pair that a bridge comes to own was there the tick before, and somebody's to report who goes on to this view.
-fn was_reported(session: &Session, ended: Option<&Session>, rules: &Rules, pair: PairId) -> bool {
+fn was_reported(session: &Session, ended: Option<&Session>, pair: PairId) -> bool {
     let [a, b] = pair.map(|id: BoxId| session.replica.before(id));
     let (Some(a), Some(b)) = (a, b) else { return false };
-    if !a.meets(&b, rules) {
+    if !a.meets(&b) {
         return false;
     }
     let Some(ended) = ended else { return true };

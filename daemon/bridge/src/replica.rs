@@ -4,7 +4,6 @@ use std::collections::HashMap;
 
 use pairmask_core::Aabb;
 use pairmask_core::engine::CullError;
-use pairmask_core::filters::Rules;
 use pairmask_core::scene::between;
 
 use crate::ids::{BoxId, MachineId, PairId, pair_of};
@@ -105,7 +104,7 @@ impl Replica {
     ///
     /// # Errors
     /// [`CullError`], where there are too many.
-    pub fn pairs(&self, rules: &Rules, axis: usize) -> Result<Vec<(PairId, f32)>, CullError> {
+    pub fn pairs(&self, axis: usize) -> Result<Vec<(PairId, f32)>, CullError> {
         // The largest set last: no set but the first is placed in cells more than once.
         let mut sets: Vec<Set> = self.boxes.iter().map(|(of, boxes)| Set::of(*of, boxes)).collect();
         sets.retain(|set| !set.ids.is_empty());
@@ -118,7 +117,7 @@ impl Replica {
             for [a, b] in &found {
                 let [a, b] = [others.ids[*a as usize], set.ids[*b as usize]];
                 let (Some(a_now), Some(b_now)) = (self.now(a), self.now(b)) else { continue };
-                if a_now.meets(&b_now, rules) {
+                if a_now.meets(&b_now) {
                     pairs.push((pair_of(a, b), a_now.corner_with(&b_now, axis)));
                 }
             }

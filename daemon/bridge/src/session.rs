@@ -181,8 +181,9 @@ impl Session {
         link.out.acknowledge(batch.acknowledged, batch.seen, now);
         link.prior = Some(batch.prior);
         link.hold = batch.hold;
-        if batch.start != 0 && self.start.is_none() && from.machine == self.view.version.steward {
-            self.start = Some(batch.start);
+        // The steward's word, which each member passes on: it may reach this one though the steward has died.
+        if batch.start != 0 {
+            self.start.get_or_insert(batch.start);
         }
         let Link { incoming, pending, latest, dirty, .. } = link;
         // A batch of no tick of its own only acknowledges.

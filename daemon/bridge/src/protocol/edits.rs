@@ -2,7 +2,7 @@
 
 use pairmask_core::Aabb;
 use pairmask_core::aabb::AABB_BYTES;
-use pairmask_core::filters::FilterData;
+use pairmask_core::filters::{Filter, FilterData};
 
 use super::Refused;
 use super::bytes::{Reader, Writer};
@@ -14,6 +14,10 @@ const ENABLED: u8 = 1;
 const HAS_FILTER_DATA: u8 = 2;
 const HAS_USER_DATA: u8 = 4;
 const HAS_BEFORE: u8 = 8;
+const HAS_FILTER: u8 = 16;
+/// Flags of a filter in a message.
+const STATIC: u8 = 1;
+const EITHER: u8 = 2;
 
 /// A box that the receiver does not have yet, or of which more changed than its place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,6 +52,7 @@ fn write_box(to: &mut Writer, state: &BoxState, more: u8) {
     flag(ENABLED, state.is_enabled);
     flag(HAS_FILTER_DATA, state.filter_data != FilterData::default());
     flag(HAS_USER_DATA, state.user_data != 0);
+    flag(HAS_FILTER, state.filter != Filter::ALL);
     to.u8(flags);
     to.bytes(bytemuck::bytes_of(&state.aabb));
     if flags & HAS_FILTER_DATA != 0 {
@@ -56,6 +61,23 @@ fn write_box(to: &mut Writer, state: &BoxState, more: u8) {
     if flags & HAS_USER_DATA != 0 {
         to.u64(state.user_data);
     }
+    if flags & HAS_FILTER != 0 {
+        let Filter { is_static, either, group, category, mask, .. } = state.filter;
+        to.u8(if is_static { STATIC } else { 0 } | if either { EITHER } else { 0 });
+        to.u32(group.cast_unsigned());
+        to.u64(category);
+        to.u64(mask);
+    }
+}
+
+fn read_filter(from: &mut Reader<'_>) -> Result<Filter, Refused> {
+    let flags = from.u8()?;
+    if flags & !(STATIC | EITHER) != 0 {
+        return Err(Refused::Field("flags of a filter"));
+    }
+    let group = from.u32()?.cast_signed();
+    let filter = Filter::new(from.u64()?, from.u64()?).with_group(group);
+    Ok(filter.with_static(flags & STATIC != 0).with_either(flags & EITHER != 0))
 }
 
 fn read_aabb(from: &mut Reader<'_>) -> Result<Aabb, Refused> {
@@ -65,7 +87,7 @@ fn read_aabb(from: &mut Reader<'_>) -> Result<Aabb, Refused> {
 /// Reads a box, and whether another one follows that it was before.
 fn read_box(from: &mut Reader<'_>, may_follow: bool) -> Result<(BoxState, bool), Refused> {
     let flags = from.u8()?;
-    let known = ENABLED | HAS_FILTER_DATA | HAS_USER_DATA;
+    let known = ENABLED | HAS_FILTER_DATA | HAS_USER_DATA | HAS_FILTER;
     if flags & !(known | if may_follow { HAS_BEFORE } else { 0 }) != 0 {
         return Err(Refused::Field("flags of a box"));
     }
@@ -81,6 +103,9 @@ fn read_box(from: &mut Reader<'_>, may_follow: bool) -> Result<(BoxState, bool),
     }
     if flags & HAS_USER_DATA != 0 {
         state.user_data = from.u64()?;
+    }
+    if flags & HAS_FILTER != 0 {
+        state.filter = read_filter(from)?;
     }
     Ok((state, flags & HAS_BEFORE != 0))
 }

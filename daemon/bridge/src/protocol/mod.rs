@@ -23,7 +23,7 @@ use crate::view::{MOST_MEMBERS, Version, View};
 /// "PMBR".
 const MAGIC: u32 = u32::from_le_bytes(*b"PMBR");
 /// The version of these messages. Bridges of another one are refused: a scene has no use for half of its machines.
-pub const PROTOCOL_VERSION: u16 = 1;
+pub const PROTOCOL_VERSION: u16 = 2;
 /// Bytes of a head.
 pub const HEAD_BYTES: usize = 28;
 /// Longest message, bytes: a snapshot of two million boxes. More are not read.
@@ -89,6 +89,8 @@ pub struct Beat {
     pub counter: u64,
     /// Members from which it has no acknowledgement for a lease.
     pub suspects: Vec<MachineId>,
+    /// From how many machines it receives, and itself: who receives from fewer lacks a link.
+    pub reached: u32,
     /// How its own boxes are spread.
     pub spread: Spread,
 }
@@ -259,6 +261,7 @@ impl Beat {
         to.number(self.counter);
         to.number(self.suspects.len() as u64);
         self.suspects.iter().for_each(|machine| to.u32(machine.0));
+        to.number(self.reached.into());
         to.u32(self.spread.count);
         to.bytes(bytemuck::bytes_of(&self.spread.quantiles));
     }
@@ -274,6 +277,7 @@ impl Beat {
             return Err(Refused::Field("suspects"));
         }
         let suspects = (0..count).map(|_| from.u32().map(MachineId)).collect::<Result<_, _>>()?;
+        let reached = u32::try_from(from.number()?).map_err(|_| Refused::Field("reached"))?;
         let count = from.u32()?;
         let mut quantiles = [0.0; QUANTILES];
         for quantile in &mut quantiles {
@@ -283,7 +287,7 @@ impl Beat {
             return Err(Refused::Field("quantiles"));
         }
         let spread = Spread { count, quantiles };
-        Ok(Self { terms, tick, is_settled, counter, suspects, spread })
+        Ok(Self { terms, tick, is_settled, counter, suspects, reached, spread })
     }
 }
 

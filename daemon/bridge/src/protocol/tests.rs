@@ -1,5 +1,5 @@
 use pairmask_core::Aabb;
-use pairmask_core::filters::{FilterData, FilterId, Owner, World};
+use pairmask_core::filters::{Filter, FilterData, FilterId, Owner, World};
 
 use super::*;
 use crate::state::BoxState;
@@ -33,6 +33,8 @@ impl Random {
             let filter_data = FilterData::new(world, Owner(self.next() as u32), FilterId(9));
             state.filter_data = filter_data.with_static(self.below(2) == 0);
             state.user_data = self.next();
+            let filter = Filter::new(self.next(), self.next()).with_group(self.next() as i32);
+            state.filter = filter.with_static(self.below(2) == 0).with_either(self.below(2) == 0);
         }
         state
     }
@@ -54,7 +56,8 @@ impl Random {
                 let terms = Terms { axis: 2, lease_ms: 1_000 };
                 let suspects = self.indices().into_iter().map(MachineId).collect();
                 let (tick, counter) = (self.next(), self.next());
-                Message::Beat(Beat { terms, tick, is_settled: true, counter, suspects, spread })
+                let (reached, is_settled) = (self.next() as u32, true);
+                Message::Beat(Beat { terms, tick, is_settled, counter, suspects, reached, spread })
             }
             1 => {
                 let count = 1 + self.below(9) as u32;
@@ -169,6 +172,7 @@ fn refusals_have_names() {
         is_settled: false,
         counter: 1,
         suspects: Vec::new(),
+        reached: 1,
         spread: Spread::default(),
     });
     let bytes = HEAD.message(&message);
@@ -178,7 +182,8 @@ fn refusals_have_names() {
         Head::read(&bytes).map(|_| ())
     };
     assert_eq!(with(0, b'X'), Err(Refused::Magic(u32::from_le_bytes(*b"XMBR"))));
-    assert_eq!(with(4, 2), Err(Refused::Version(2)));
+    let newer = PROTOCOL_VERSION + 1;
+    assert_eq!(with(4, newer as u8), Err(Refused::Version(newer)));
     assert_eq!(with(6, 9), Err(Refused::Kind(9)));
     assert_eq!(with(HEAD_BYTES, 3), Err(Refused::Field("axis")));
     assert_eq!(with(0, b'P'), Ok(()));

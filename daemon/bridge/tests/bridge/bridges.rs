@@ -243,6 +243,76 @@ fn any_bridge_may_be_killed() {
 }
 
 #[test]
+fn a_steward_that_dies_while_slabs_change_leaves_no_pair_reported_twice() {
+    let (mut changing, mut alike) = (0, 0);
+    for seed in 1..=300 {
+        let ms = Duration::from_millis;
+        let network = Network { delay: ms(20), jitter: ms(8), loss: 0.05, doubled: 0.01 };
+        let machines = 3 + seed as usize % 3;
+        let crowd = Crowd { drift: 0.5, seed, ..crowd(machines, 300, 60.0) };
+        let mut simulation = Simulation::new(crowd, network, 1.0, seed);
+        simulation = simulation.with_rebalance(ms(200));
+        simulation.settle(4 * LEASE_STEPS);
+        simulation.run(20 + seed % 40);
+        // What it says last reaches some of the others.
+        simulation.network.loss = 0.6;
+        simulation.run(4);
+        simulation.network = network;
+        let versions = |simulation: &Simulation| -> BTreeSet<_> {
+            simulation.statuses().into_iter().flatten().map(|status| status.version).collect()
+        };
+        simulation.play();
+        simulation.kill(0);
+        let before = versions(&simulation);
+        for _ in 0..2 * LEASE_STEPS {
+            simulation.run_step();
+            for mut played in simulation.play() {
+                // What each has received of the lost one may differ until all report the loss. Who lacks some of it has no
+                // report of a tick.
+                for held in played.held.iter_mut().flatten() {
+                    held.retain(|pair| pair.iter().all(|id| id.machine.0 > 0));
+                }
+                if played.reports.len() == machines - 1 {
+                    played.check_sides().expect("each pair at one side");
+                    alike += 1;
+                }
+            }
+            changing += usize::from(versions(&simulation) != before);
+        }
+        simulation.settle(LEASE_STEPS);
+        simulation.play();
+        let mut checker = Checker::from_now(&simulation);
+        checker.run(&mut simulation, 50);
+        assert!(checker.seen.ticks > 8 && checker.seen.pairs > 0, "{:?}", checker.seen);
+    }
+    assert!(
+        changing > 0 && alike > 5_000,
+        "{changing} steps after a change of slabs, {alike} ticks"
+    );
+}
+
+#[test]
+fn two_that_lack_a_link_make_it_anew() {
+    for seed in 1..=100 {
+        let machines = 3 + seed as usize % 3;
+        let mut simulation = faulty(machines, seed);
+        let one = seed as usize / 3 % machines;
+        let other = (one + 1 + seed as usize % (machines - 1)) % machines;
+        simulation.unlinked = Some([one, other]);
+        let begun = simulation.step;
+        while simulation.unlinked.is_some() {
+            assert!(
+                simulation.step < begun + 9 * LEASE_STEPS,
+                "{one} and {other} lack it for long"
+            );
+            simulation.run_step();
+        }
+        assert!(simulation.step > begun + 3 * LEASE_STEPS, "links are not made anew for nothing");
+        assert!(converges(&mut simulation) > 0);
+    }
+}
+
+#[test]
 fn messages_that_are_not_understood_are_refused_and_change_nothing() {
     let mut simulation = Simulation::new(crowd(3, 600, 30.0), bad_network(), 1.0, 11);
     simulation.corrupt_one_in = Some(10);

@@ -10,7 +10,7 @@ use pairmask_bridge::node::{Config, Destination, Node, Report};
 use pairmask_bridge::protocol::Terms;
 use pairmask_bridge::state::BoxState;
 use pairmask_core::Aabb;
-use pairmask_core::filters::{FilterData, Owner, Rules, World};
+use pairmask_core::filters::{Filter, FilterData, Owner, World};
 use pairmask_core::scene::shared::AtEnd;
 
 pub const TICK: Duration = Duration::from_millis(16);
@@ -108,13 +108,14 @@ impl Crowd {
             let turn = (step + random.next() % RESTLESS) / RESTLESS;
             incarnation = turn as u32 / 4;
             let mut random = self.random(machine, index, turn);
-            match random.next() % 8 {
+            match random.next() % 9 {
                 0 => return None,
                 1 => state.is_enabled = false,
                 2 => state.filter_data = FilterData::default().with_world(World(1)),
                 3 => state.filter_data = FilterData::default().with_owner(Owner(5)),
                 4 => state.filter_data = FilterData::default().with_static(true),
                 5 => state.user_data = random.next(),
+                6 => state.filter = Filter::new(random.next() % 4, 2).with_group(-1),
                 _ => x += random.part() as f32 * self.length,
             }
         }
@@ -133,7 +134,7 @@ impl Crowd {
 
     /// All pairs of boxes of different machines, by sweep and prune, each machine at a step of its own; `None` where it is not there.
     pub fn pairs(&self, steps: &[Option<u64>]) -> BTreeSet<PairId> {
-        let (mut pairs, rules) = (BTreeSet::new(), Rules::default());
+        let mut pairs = BTreeSet::new();
         let mut boxes = Vec::new();
         for (machine, step) in steps.iter().enumerate() {
             let Some(step) = step else { continue };
@@ -149,7 +150,7 @@ impl Crowd {
             while let Some((b, b_state)) = near.next()
                 && b_state.aabb.min[0] <= a_state.aabb.max[0]
             {
-                if a.machine != b.machine && a_state.meets(b_state, &rules) {
+                if a.machine != b.machine && a_state.meets(b_state) {
                     pairs.insert(pair_of(*a, *b));
                 }
             }
@@ -179,6 +180,8 @@ pub struct Simulation {
     sent: u64,
     /// Machines that reach each other have the same number.
     pub part: Vec<u32>,
+    /// Two machines without a link, until one of them makes its links anew.
+    pub unlinked: Option<[usize; 2]>,
     margin: f32,
     rebalance: Option<Duration>,
     /// What becomes of a lost machine's ghosts, of bridges that start from now on.
@@ -207,6 +210,7 @@ impl Simulation {
             on_the_way: BTreeMap::new(),
             sent: 0,
             part: vec![0; machines],
+            unlinked: None,
             margin,
             rebalance: None,
             at_end: AtEnd::Remove,
@@ -251,7 +255,6 @@ impl Simulation {
             terms: Terms { axis: 0, lease_ms: LEASE_MS },
             margin: self.margin,
             at_end: self.at_end,
-            rules: Rules::default(),
             rebalance: self.rebalance,
         };
         let node = Node::new(config, self.now());
@@ -268,7 +271,9 @@ impl Simulation {
     fn post(&mut self, from: usize, to: usize, bytes: &[u8]) {
         self.bytes[from] += bytes.len() as u64;
         self.messages += 1;
-        if self.part[from] != self.part[to] || self.random.part() < self.network.loss {
+        let is_unlinked = self.unlinked.is_some_and(|of| of.contains(&from) && of.contains(&to));
+        if is_unlinked || self.part[from] != self.part[to] || self.random.part() < self.network.loss
+        {
             return;
         }
         let copies = if self.random.part() < self.network.doubled { 2 } else { 1 };
@@ -318,6 +323,10 @@ impl Simulation {
             running.steps.insert(running.node.tick_number(), self.step);
             running.reports.extend(output.reports.iter().cloned());
             self.log[machine].extend(output.reports);
+            if output.lacks_link {
+                let lacking = self.unlinked.take().expect("each has the links that others have");
+                assert!(lacking.contains(&machine), "{machine} lacks no link");
+            }
             for ghost in output.ghosts {
                 let key = (ghost.machine, ghost.index);
                 match ghost.state {
@@ -489,14 +498,7 @@ impl Played {
     /// Checks that the pairs of all bridges are those of one big scene, each at one bridge. Machines in different parts of a
     /// network have a scene each.
     pub fn check(&self, crowd: &Crowd, part: &[u32]) -> Result<BTreeSet<PairId>, String> {
-        let mut all = BTreeSet::new();
-        for held in self.held.iter().flatten() {
-            for pair in held {
-                if !all.insert(*pair) {
-                    return Err(format!("tick {}: {pair:?} is reported twice", self.tick));
-                }
-            }
-        }
+        let all = self.check_sides()?;
         let mut right = crowd.pairs(&self.steps);
         right.retain(|pair| {
             let [a, b] = pair.map(|id| part[id.machine.0 as usize]);
@@ -507,6 +509,15 @@ impl Played {
             return Err(format!("tick {}: {pair:?} is {is}", self.tick));
         }
         Ok(all)
+    }
+
+    /// Checks that each pair has one side. Returns the pairs.
+    pub fn check_sides(&self) -> Result<BTreeSet<PairId>, String> {
+        let mut all = BTreeSet::new();
+        match self.held.iter().flatten().flatten().find(|pair| !all.insert(**pair)) {
+            Some(pair) => Err(format!("tick {}: {pair:?} is reported twice", self.tick)),
+            None => Ok(all),
+        }
     }
 
     /// Checks what was reported in a tick beside the pairs of the last one: each pair begins and ends once, at one bridge,
