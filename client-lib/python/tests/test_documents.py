@@ -1,6 +1,7 @@
 """The examples of the book's page and of the README are run, and the examples of the package; files of numpy go through the
 command line."""
 
+import os
 import pathlib
 import re
 import subprocess
@@ -50,6 +51,17 @@ def test_examples_of_the_package_run(example: str, arguments: list[str], text: s
     assert text in run_python(*EXAMPLES, example, *arguments, folder=tmp_path)
     if "--save" in arguments:
         assert (tmp_path / "scene.rrd").read_bytes()[:3] == b"RRF"
+
+
+def test_the_demo_records_for_the_viewer(tmp_path: pathlib.Path) -> None:
+    # Its python3 is this one.
+    folder = pathlib.Path(sys.executable).parent
+    environment = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"}
+    file = tmp_path / "demo.rrd"
+    command = [pairmaskd(), "demo", "--gpu", "none", "--seconds", "1", "--boxes", "300", "--rerun", str(file)]
+    subprocess.run(command, env=environment, check=True, capture_output=True)
+    # A box takes 24 bytes and a color, and there are thirty frames a second.
+    assert file.read_bytes()[:3] == b"RRF" and file.stat().st_size > 50_000
 
 
 def test_examples_are_listed_and_a_wrong_name_is_an_error() -> None:

@@ -1,8 +1,10 @@
 //! `demo`: its own daemon, a summary, a picture, and nothing left; a terminal that is as before.
 
+use std::os::unix::fs::PermissionsExt;
+
 use rustix::process::{Pid, Signal, kill_process};
 
-use crate::support::{Sandbox, Terminal, eventually, finish, keys, names};
+use crate::support::{Sandbox, Terminal, eventually, finish, keys, names, run_with, words};
 
 #[test]
 fn ends_by_itself_with_every_sample_right_and_no_frame_lost() {
@@ -103,4 +105,62 @@ fn a_terminal_without_colours_gets_plain_lines() {
         assert!(printed.contains("frames, none lost") && printed.contains("checks "), "{printed}");
         assert!(!printed.contains('\x1b'), "{printed}");
     }
+}
+
+/// A folder with a `python3` that is this shell script.
+fn python(sandbox: &Sandbox, name: &str, script: &str) -> String {
+    let folder = sandbox.file(name);
+    std::fs::create_dir(&folder).unwrap();
+    let program = folder.join("python3");
+    std::fs::write(&program, format!("#!/bin/sh\n{script}\n")).unwrap();
+    std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
+    format!("{}:/usr/bin:/bin", folder.display())
+}
+
+#[test]
+fn a_recording_gets_every_other_frame_whole() {
+    let sandbox = Sandbox::new();
+    // $3 is the recording; what comes on stdin is kept.
+    let path = python(&sandbox, "keeps", "echo ready; exec cat > \"$3\"");
+    let line = "demo --seconds 2 --boxes 100 --json --rerun demo.rrd";
+    let finished = run_with(&sandbox, line, &[("PATH", &path)]);
+    assert_eq!(finished.code, Some(0), "{finished:?}");
+    let words = words(&sandbox.file("demo.rrd"));
+    let (mut at, mut frames, mut pairs) = (0, Vec::new(), 0);
+    while at < words.len() {
+        let [frame, n, m] = words[at..at + 3] else { panic!("a head") };
+        assert_eq!(n, 100);
+        at += 3 + 6 * n as usize;
+        let indices = &words[at..at + 2 * m as usize];
+        assert!(indices.iter().all(|index| *index < n), "{indices:?}");
+        at += indices.len();
+        frames.push(frame);
+        pairs += m;
+    }
+    let all = finished.json()["frames"].as_u64().unwrap() as u32;
+    assert_eq!(frames, (1..=all).filter(|frame| frame % 2 == 0).collect::<Vec<u32>>());
+    assert!(pairs > 0);
+}
+
+#[test]
+fn a_recording_without_python_its_package_or_an_end_is_an_error() {
+    let line = "demo --seconds 1 --boxes 50 --rerun demo.rrd";
+    for (name, script, says) in [
+        (
+            "lacks",
+            "echo \"No module named 'rerun'\" >&2; exit 1",
+            "No module named 'rerun': it needs",
+        ),
+        ("dies", "echo ready; echo 'no space' >&2; exit 1", "writing the recording: no space"),
+    ] {
+        let sandbox = Sandbox::new();
+        let path = python(&sandbox, name, script);
+        let finished = run_with(&sandbox, line, &[("PATH", &path)]);
+        assert_eq!(finished.code, Some(1), "{finished:?}");
+        assert!(finished.stderr.contains(says), "{finished:?}");
+    }
+    let sandbox = Sandbox::new();
+    let finished = run_with(&sandbox, line, &[("PATH", "")]);
+    assert_eq!(finished.code, Some(1), "{finished:?}");
+    assert!(finished.stderr.contains("pip install rerun-sdk"), "{finished:?}");
 }

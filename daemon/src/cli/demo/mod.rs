@@ -1,14 +1,12 @@
 //! `demo`: a daemon process, this process as its client with falling boxes, and figures while they run.
 //!
-//! A recording for the viewer Rerun is an example of the Python package: the crate that writes one, `re_log_encoding`
-//! (0.36), would bring some 170 crates more.
-//!
 //! The world and what was measured are state ([`world`], [`figures`]); the picture and the texts are functions of both.
 
 mod drawing;
 mod figures;
 mod peers;
 mod picture;
+mod rerun;
 mod world;
 
 use std::num::{NonZeroU32, NonZeroU64};
@@ -28,6 +26,7 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use self::figures::{Figures, Kill};
 use self::peers::{ParryTree, naive};
+use self::rerun::Recording;
 use self::world::{STEP, World};
 use super::options::{CommonOptions, DaemonOptions};
 use super::output::{OutputError, print_aside, print_json, print_text, write_file};
@@ -66,8 +65,7 @@ Examples:
   pairmaskd demo --seconds 3 --boxes 10000
   pairmaskd demo --json
   pairmaskd demo --picture demo.svg
-
-A recording for the viewer Rerun: `python -m pairmask.examples rerun_stream --save scene.rrd`.
+  pairmaskd demo --rerun demo.rrd && rerun demo.rrd
 
 Exit status: 0 where every sample was right.")]
 pub struct Demo {
@@ -80,6 +78,9 @@ pub struct Demo {
     /// Write the last picture here as SVG
     #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
+    /// Write every other frame here for the viewer Rerun, by its Python package (pip install rerun-sdk)
+    #[arg(long, value_name = "FILE")]
+    rerun: Option<PathBuf>,
     /// Print one JSON object; the lines of progress go to stderr
     #[arg(long)]
     json: bool,
@@ -104,17 +105,24 @@ impl Demo {
         }
         // Messages about the worker that is killed, the session's and the daemon's, would go between the lines.
         log::set_max_level(log::max_level().min(log::LevelFilter::Error));
+        let mut recording = self.rerun.as_deref().map(Recording::start).transpose()?;
         let daemon = PrivateDaemon::start_self_quietly(&self.daemon.private(common))?;
         let mut show = Show::new(self, &daemon)?;
         // The screen ends before anything else is printed.
         let mut display = Display::open(self.json)?;
         while show.figures.elapsed < show.figures.length && !stop.load(Ordering::Relaxed) {
             show.frame(&daemon)?;
+            if let Some(recording) = &mut recording
+                && show.figures.frames.is_multiple_of(FRAMES_A_DRAWING)
+            {
+                recording.add(show.figures.frames, show.world.boxes(), &show.pairs)?;
+            }
             if display.update(&show)? {
                 break;
             }
         }
         drop(display);
+        recording.map_or(Ok(()), Recording::end)?;
         self.end(&show)
     }
 
