@@ -56,6 +56,9 @@ const REMEMBERED_LEASES: u32 = 16;
 /// known to all within two. Two that lack each other wait for so many more, at the most, each in its own way: the second one
 /// has no reason any more.
 const LACKING_LEASES: u32 = 3;
+/// It waits twice as long after each time that did not help, so many times: who may not reach another one by the network's
+/// rules does not end its links for ever.
+const MOST_LACKING_DOUBLED: u32 = 6;
 /// Boxes by which a bridge says how its boxes are spread.
 const SPREAD_SAMPLE: usize = 4_096;
 /// Ticks are below this: a jump to the last one there is would be the end of a scene. 10^5 years of ticks at 60 Hz.
@@ -183,6 +186,15 @@ struct Contact {
     suspected_until: Duration,
 }
 
+/// Another bridge reaches more machines.
+#[derive(Clone, Copy, Debug)]
+struct Lacking {
+    /// Since it was known first, or links were made anew last.
+    since: Duration,
+    /// How often they were made anew.
+    tries: u32,
+}
+
 /// The bridge.
 #[derive(Debug)]
 pub struct Node {
@@ -201,8 +213,7 @@ pub struct Node {
     /// Pairs that this bridge reports.
     mine: BTreeSet<PairId>,
     missing: BTreeSet<MachineId>,
-    /// Since when another bridge reaches more machines.
-    lacks_since: Option<Duration>,
+    lacking: Option<Lacking>,
     written: BTreeMap<MachineId, ByIndex<Local>>,
     /// The view whose ghosts are in the local scene.
     shown: Version,
@@ -235,7 +246,7 @@ impl Node {
             retired: Vec::new(),
             mine: BTreeSet::new(),
             missing: BTreeSet::new(),
-            lacks_since: None,
+            lacking: None,
             written: BTreeMap::new(),
             shown: version,
             next_beat: now,
@@ -451,16 +462,17 @@ impl Node {
             beat.is_some_and(|beat| beat.reached > reached)
         };
         if !self.contacts.values().any(reaches_more) {
-            self.lacks_since = None;
+            self.lacking = None;
             return false;
         }
         let Config { me, .. } = self.config;
         let own_part = (me.incarnation.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40) as f64;
         let leases = f64::from(LACKING_LEASES) * (1.0 + own_part / f64::from(1 << 24));
-        let since = *self.lacks_since.get_or_insert(now);
-        let is_long = now >= since + lease.mul_f64(leases);
+        let Lacking { since, tries } = self.lacking.get_or_insert(Lacking { since: now, tries: 0 });
+        let wait = lease.mul_f64(leases) * (1 << (*tries).min(MOST_LACKING_DOUBLED));
+        let is_long = now >= *since + wait;
         if is_long {
-            self.lacks_since = None;
+            (*since, *tries) = (now, *tries + 1);
         }
         is_long
     }
