@@ -212,14 +212,12 @@ impl Bridge {
         std::thread::sleep(next.saturating_sub(self.begun.elapsed()));
         self.ticked_at = self.begun.elapsed();
         let changes = match self.member.tick() {
-            Ok(changes) => {
-                self.is_failing = false;
+            Ok((changes, committed)) => {
+                self.note_scene(committed.err());
                 changes
             }
             Err(error) => {
-                if !std::mem::replace(&mut self.is_failing, true) {
-                    log::warn!("scene '{}': {error}", self.settings.place.scene);
-                }
+                self.note_scene(Some(error));
                 std::thread::sleep(PAUSE);
                 Vec::new()
             }
@@ -234,8 +232,8 @@ impl Bridge {
         }
         let output = self.node.tick(&changes, now)?;
         for (to, bytes) in output.messages {
-            self.sent_bytes += bytes.len() as u64;
             if let Some(link) = &self.link {
+                self.sent_bytes += bytes.len() as u64;
                 link.send(to, bytes)?;
             }
         }
@@ -279,12 +277,20 @@ impl Bridge {
     fn take_link(&mut self) {
         let Some(opening) = self.opening.take_if(|opening| opening.is_finished()) else { return };
         match opening.join() {
-            Ok(Ok(link)) => self.link = Some(link),
+            Ok(Ok(link)) => (self.link, self.status_at) = (Some(link), Duration::ZERO),
             failed => {
                 let why = failed.map(|failed| failed.err().map(|error| error.to_string()));
                 log::warn!("making links anew: {why:?}");
                 self.open_again(LINK_PAUSE);
             }
+        }
+    }
+
+    /// Says the first of errors of the scene that follow each other.
+    fn note_scene(&mut self, error: Option<pairmask::Error>) {
+        let was_failing = std::mem::replace(&mut self.is_failing, error.is_some());
+        if let Some(error) = error.filter(|_| !was_failing) {
+            log::warn!("scene '{}': {error}", self.settings.place.scene);
         }
     }
 

@@ -1,9 +1,9 @@
 //! The bridge as a member of its machine's shared scene: it observes what the others write, and writes ghosts.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use pairmask::filters::{FilterData, FilterId, FilterTable};
+use pairmask::filters::{Filter, FilterData, FilterId, FilterTable};
 use pairmask::{Aabb, AtEnd, Backend, Error, Report, Scene, SceneOptions, Session};
 
 use crate::ids::MachineId;
@@ -13,6 +13,9 @@ use crate::state::BoxState;
 
 /// Ghosts that are leased at once: a lease is a request, and a scene has 4,096 at the most.
 const LEASED_AT_ONCE: u32 = 4_096;
+/// How long the first lease waits for a box of another member: who has the lowest lease gives the table of filters, and a
+/// bridge has none to give.
+const FIRST_LEASE_WAIT: Duration = Duration::from_secs(5);
 
 /// How to find the scene.
 #[derive(Clone, Debug, Default)]
@@ -42,6 +45,7 @@ struct Written {
 pub struct Member {
     _session: Session,
     scene: Scene,
+    joined: Instant,
     free: BTreeSet<u32>,
     /// By machines and indices there.
     ghosts: HashMap<(MachineId, u32), Written>,
@@ -73,6 +77,7 @@ impl Member {
         Ok(Self {
             _session: session,
             scene,
+            joined: Instant::now(),
             free: BTreeSet::new(),
             ghosts: HashMap::new(),
             known: HashSet::new(),
@@ -93,19 +98,23 @@ impl Member {
         self.due.extend(ghosts.into_iter().map(|of| ((of.machine, of.index), of.state)));
     }
 
-    /// Commits the ghosts, waits for the end of the tick, and returns what became of the other members' boxes.
+    /// Commits the ghosts, waits for the end of the tick, and returns what became of the other members' boxes, and whether
+    /// the ghosts were committed: those that were not are committed with the next tick.
     ///
     /// # Errors
-    /// [`Error`]. What was to be committed is committed with the next tick then.
-    pub fn tick(&mut self) -> Result<Vec<(u32, Option<Local>)>, Error> {
-        self.commit()?;
+    /// [`Error`].
+    pub fn tick(&mut self) -> Result<(Vec<Observed>, Result<(), Error>), Error> {
+        let committed = self.commit();
         let observed = self.scene.observe()?;
         let own: Vec<_> = self.scene.leases().to_vec();
         let is_own = |index: u32| own.iter().any(|range| range.contains(&index));
-        if let Some(filters) = observed.filters {
+        if let Some(filters) = observed.filters.filter(|filters| *filters != self.filters) {
             self.filters = filters;
             for (key, ghost) in &self.ghosts {
-                self.due.entry(*key).or_insert(Some(ghost.local));
+                let (_, state) = &ghost.local;
+                if local_filter_data(state, &self.filters) != ghost.filter_data {
+                    self.due.entry(*key).or_insert(Some(ghost.local));
+                }
             }
         }
         let mut gone = if observed.is_whole { self.known.clone() } else { HashSet::new() };
@@ -130,18 +139,19 @@ impl Member {
             self.known.remove(&index);
             changes.push((index, None));
         }
-        Ok(changes)
+        Ok((changes, committed))
     }
 
     fn commit(&mut self) -> Result<(), Error> {
         let new = self.due.keys().filter(|key| !self.ghosts.contains_key(*key)).count();
         let missing = new.saturating_sub(self.free.len()) as u32;
-        // A first lease also where there is no ghost yet: who has none is not waited for, and sees ticks pass by.
-        if missing > 0 || self.scene.leases().is_empty() {
-            let range = self.scene.lease_any(missing.max(1).next_multiple_of(LEASED_AT_ONCE))?;
-            self.free.extend(range);
+        let is_first = self.scene.leases().is_empty();
+        if is_first && self.known.is_empty() && self.joined.elapsed() < FIRST_LEASE_WAIT {
+            return Ok(());
         }
-        let mut sets = Vec::new();
+        // A first lease also where there is no ghost yet: who has none is not waited for, and sees ticks pass by.
+        let leased = if missing > 0 || is_first { self.lease(missing.max(1)) } else { Ok(()) };
+        let (mut sets, mut left_over) = (Vec::new(), BTreeMap::new());
         for (key, state) in &self.due {
             let was = self.ghosts.get(key).copied();
             let Some(state) = *state else {
@@ -151,6 +161,7 @@ impl Member {
                 continue;
             };
             let Some(at) = was.map_or_else(|| self.free.pop_last(), |was| Some(was.at)) else {
+                left_over.insert(*key, Some(state));
                 continue;
             };
             let was = was.filter(|was| was.local.0 == state.0);
@@ -185,14 +196,24 @@ impl Member {
         let committed = edit.commit(Report::Nothing).map(drop);
         self.has_failed = committed.is_err();
         if committed.is_ok() {
-            self.due.clear();
+            self.due = left_over;
             let used: HashSet<u32> = indices.into_iter().collect();
             let freed = std::mem::take(&mut self.removed);
             self.free.extend(freed.into_iter().filter(|at| !used.contains(at)));
         }
-        committed
+        committed.and(leased)
+    }
+
+    /// Leases so many indices at the least: some more, where there is room.
+    fn lease(&mut self, count: u32) -> Result<(), Error> {
+        let leased = self.scene.lease_any(count.next_multiple_of(LEASED_AT_ONCE));
+        self.free.extend(leased.or_else(|_| self.scene.lease_any(count))?);
+        Ok(())
     }
 }
+
+/// What became of the box of an index.
+pub type Observed = (u32, Option<Local>);
 
 /// Filter data for a ghost in a scene with a table: the place of a filter like its own. Where there is none, it keeps the
 /// number that it has on its machine.
@@ -201,14 +222,18 @@ fn local_filter_data(state: &BoxState, filters: &FilterTable) -> FilterData {
     if like(state.filter_data.filter) {
         return state.filter_data;
     }
-    let found = filters.filters().iter().position(|filter| *filter == state.filter);
-    found.map_or(state.filter_data, |at| state.filter_data.with_filter(FilterId(at as u16)))
+    let all = filters.filters();
+    let found = all.iter().position(|filter| *filter == state.filter);
+    // An id beyond the last one is the filter that meets all.
+    let beyond = (state.filter == Filter::ALL).then_some(all.len());
+    let id = found.or(beyond).and_then(|at| u16::try_from(at).ok());
+    id.map_or(state.filter_data, |id| state.filter_data.with_filter(FilterId(id)))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use pairmask::filters::{Filter, World};
+    use pairmask::filters::World;
 
     #[test]
     fn a_ghost_has_a_filter_like_its_own() {
@@ -221,5 +246,8 @@ mod tests {
         assert_eq!(of(&[own, own]), filter_data, "also where another one is like it");
         assert_eq!(of(&[other, other, own]), filter_data.with_filter(FilterId(2)));
         assert_eq!(of(&[other, other]), filter_data, "none is like it");
+        let all = BoxState::from(Aabb::EMPTY);
+        let two = FilterTable::new(&[own, other]).expect("two");
+        assert_eq!(local_filter_data(&all, &two).filter, FilterId(2), "beyond the table");
     }
 }

@@ -1,7 +1,7 @@
 //! What a scene over several machines costs, in closed form: bytes a tick, ghosts, ages, pairs that are seen late.
 //!
 //! Machines stand side by side along the axis, each with its own boxes, evenly spread over its slab and a little beyond it.
-//! A simulation and measured runs are held to it within a fifth.
+//! A simulation is held to it within a fifth; `examples/two_machines/run` prints it beside what it measures.
 
 /// Bytes of a batch beside its edits: head, receiver, versions, ticks, counts.
 const BATCH_BYTES: f64 = 65.0;

@@ -418,12 +418,13 @@ impl Node {
         self.contacts.retain(|_, contact| now < contact.at + lease * REMEMBERED_LEASES);
         // Who acknowledges nothing is as good as lost, and counts so for a while. Who has not accepted a view cannot: that
         // is its steward's business, which may be lost itself. Who is in a later view acknowledges there alone, also where
-        // this bridge was left out of it.
+        // this bridge was left out of it; the steward, whom all wait for, is in no later one than its own.
+        let leads = self.is_steward(now);
         let Self { config, contacts, sessions, .. } = self;
         let may_answer = |session: &Session, link: &Link, latest: u64| {
             let Version { counter, steward } = session.view.version;
             let has_accepted = session.start.is_some() || link.prior.is_some();
-            steward == config.me.machine || has_accepted && latest <= counter
+            steward == config.me.machine || has_accepted && (leads || latest <= counter)
         };
         for contact in contacts.values_mut() {
             let latest = contact.beat.as_ref().map_or(0, |beat| beat.counter);
@@ -462,7 +463,8 @@ impl Node {
             beat.is_some_and(|beat| beat.reached > reached)
         };
         if !self.contacts.values().any(reaches_more) {
-            self.lacking = None;
+            // While links are made anew nobody is reached, and nothing is known.
+            self.lacking = self.lacking.filter(|_| reached == 1);
             return false;
         }
         let Config { me, .. } = self.config;

@@ -164,6 +164,10 @@ impl ZenohLink {
         let (text, at) = (Arc::clone(&status), asked.clone());
         let answer = move |query: zenoh::query::Query| {
             let text = text.lock().unwrap_or_else(PoisonError::into_inner).clone();
+            // It has not said where it stands yet: who asks asks again.
+            if text.is_empty() {
+                return;
+            }
             if let Err(error) = query.reply(at.clone(), text).wait() {
                 log::debug!("a status was asked for, and not received: {error}");
             }

@@ -99,10 +99,9 @@ impl Recorder {
         let charge = sent.share().charge(Memory::Own, bytes.unwrap_or(0) as u64).ok();
         let at_ns = self.sent_at(sent.sent_at());
         let mut state = locked(&self.state);
-        let admitted = state.admit(session, bytes, charge.is_some());
-        let (number, payload) = match (admitted, payload) {
-            (Ok(number), Some(payload)) => (number, payload),
-            (Err(why), _) => {
+        let (number, payload) = match state.admit(session, payload, charge.is_some()) {
+            Ok(admitted) => admitted,
+            Err(why) => {
                 state.put(at_ns, Event::SessionEnded { session, why }, None);
                 drop(state);
                 let what = match why {
@@ -112,7 +111,6 @@ impl Recorder {
                 log::warn!("session {session} is recorded no further: {what}");
                 return None;
             }
-            (Ok(_), None) => return None,
         };
         let header = Box::new(*header);
         state.put(at_ns, Event::Request { session, number, header, payload }, charge);
@@ -198,20 +196,22 @@ fn queued_bytes(event: &Event) -> usize {
 }
 
 impl State {
-    /// The number of a request with a payload of so many bytes, if it is to be recorded. `None` is more than is recorded.
+    /// The number of a request and its payload, if it is to be recorded. `None` is a payload of more than is recorded.
     /// Its session is recorded no further where it is not.
     fn admit(
         &mut self,
         session: u64,
-        payload_bytes: Option<usize>,
+        payload: Option<Vec<u8>>,
         has_memory: bool,
-    ) -> Result<u64, SessionEnd> {
+    ) -> Result<(u64, Vec<u8>), SessionEnd> {
         self.sessions.insert(session);
-        let why = match payload_bytes {
+        let why = match payload {
             None => SessionEnd::TooLarge,
-            Some(bytes) if has_memory && self.queued_bytes + bytes <= MOST_QUEUED_BYTES => {
+            Some(payload)
+                if has_memory && self.queued_bytes + payload.len() <= MOST_QUEUED_BYTES =>
+            {
                 self.numbers += 1;
-                return Ok(self.numbers);
+                return Ok((self.numbers, payload));
             }
             Some(_) => SessionEnd::TooFast,
         };
@@ -260,14 +260,19 @@ mod tests {
         let mut state = State::default();
         let half = MOST_QUEUED_BYTES / 2 - RECORD_BYTES;
         for number in 1..=2 {
-            assert_eq!(state.admit(number, Some(half), true), Ok(number));
+            let admitted = state.admit(number, Some(vec![7; half]), true);
+            assert_eq!(admitted, Ok((number, vec![7; half])));
             state.put(0, request(number, half), None);
         }
-        assert_eq!(state.admit(3, Some(1), true), Err(SessionEnd::TooFast), "the queue is full");
+        assert_eq!(
+            state.admit(3, Some(vec![0]), true),
+            Err(SessionEnd::TooFast),
+            "the queue is full"
+        );
         assert_eq!(state.admit(4, None, true), Err(SessionEnd::TooLarge));
-        assert_eq!(state.admit(5, Some(0), false), Err(SessionEnd::TooFast), "over its share");
+        assert_eq!(state.admit(5, Some(vec![]), false), Err(SessionEnd::TooFast), "over its share");
         assert_eq!(state.dropped, HashSet::from([3, 4, 5]));
-        assert_eq!(state.admit(6, Some(0), true), Ok(3), "numbers have no gaps");
+        assert_eq!(state.admit(6, Some(vec![]), true), Ok((3, vec![])), "numbers have no gaps");
     }
 
     /// As where the disk is full.

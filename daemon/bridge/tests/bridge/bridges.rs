@@ -292,6 +292,24 @@ fn a_steward_that_dies_while_slabs_change_leaves_no_pair_reported_twice() {
 }
 
 #[test]
+fn a_steward_that_was_not_received_for_a_while_leads_again() {
+    for seed in 1..=100 {
+        let machines = 2 + seed as usize % 4;
+        let mut simulation = faulty(machines, seed);
+        // After this its view is another one's proposal.
+        simulation.kill(0);
+        simulation.settle(3 * LEASE_STEPS);
+        simulation.start(0);
+        simulation.settle(3 * LEASE_STEPS);
+        simulation.unheard = Some(0);
+        simulation.run(LEASE_STEPS + 20 + seed % LEASE_STEPS);
+        simulation.unheard = None;
+        simulation.settle(3 * LEASE_STEPS);
+        assert!(converges(&mut simulation) > 0);
+    }
+}
+
+#[test]
 fn two_that_lack_a_link_make_it_anew() {
     for seed in 1..=100 {
         let machines = 3 + seed as usize % 3;

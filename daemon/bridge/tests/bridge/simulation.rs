@@ -182,6 +182,8 @@ pub struct Simulation {
     pub part: Vec<u32>,
     /// Two machines without a link, until one of them makes its links anew.
     pub unlinked: Option<[usize; 2]>,
+    /// A machine whose messages reach nobody.
+    pub unheard: Option<usize>,
     margin: f32,
     rebalance: Option<Duration>,
     /// What becomes of a lost machine's ghosts, of bridges that start from now on.
@@ -211,6 +213,7 @@ impl Simulation {
             sent: 0,
             part: vec![0; machines],
             unlinked: None,
+            unheard: None,
             margin,
             rebalance: None,
             at_end: AtEnd::Remove,
@@ -272,7 +275,10 @@ impl Simulation {
         self.bytes[from] += bytes.len() as u64;
         self.messages += 1;
         let is_unlinked = self.unlinked.is_some_and(|of| of.contains(&from) && of.contains(&to));
-        if is_unlinked || self.part[from] != self.part[to] || self.random.part() < self.network.loss
+        if is_unlinked
+            || self.unheard == Some(from)
+            || self.part[from] != self.part[to]
+            || self.random.part() < self.network.loss
         {
             return;
         }

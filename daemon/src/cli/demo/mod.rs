@@ -114,8 +114,9 @@ impl Demo {
             show.frame(&daemon)?;
             if let Some(recording) = &mut recording
                 && show.figures.frames.is_multiple_of(FRAMES_A_DRAWING)
+                && !recording.add(show.figures.frames, show.world.boxes(), &show.pairs)
             {
-                recording.add(show.figures.frames, show.world.boxes(), &show.pairs)?;
+                break;
             }
             if display.update(&show)? {
                 break;

@@ -4,7 +4,8 @@
 use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};
 use std::os::unix::process::CommandExt;
 use std::path::Path;
-use std::process::{Child, ChildStdin, Command, Stdio};
+use std::process::{Child, ChildStderr, ChildStdin, Command, Stdio};
+use std::thread::JoinHandle;
 
 use pairmask_core::Aabb;
 use pairmask_core::oracle::Pair;
@@ -27,6 +28,8 @@ pub enum RerunError {
 pub struct Recording {
     writer: Child,
     frames: BufWriter<ChildStdin>,
+    /// The last line that it prints to stderr, once it has ended. A thread reads all of it, so that it never waits.
+    last_line: JoinHandle<String>,
 }
 
 impl Recording {
@@ -42,28 +45,25 @@ impl Recording {
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let start = |error: io::Error| RerunError::Start(format!("python3: {error}"));
         let mut writer = command.spawn().map_err(start)?;
+        let stderr = writer.stderr.take();
+        let last_line = std::thread::spawn(move || last_line(stderr));
         let mut ready = String::new();
         if let Some(stdout) = writer.stdout.take() {
             BufReader::new(stdout).read_line(&mut ready).map_err(start)?;
         }
         match writer.stdin.take().filter(|_| ready == "ready\n") {
-            Some(stdin) => Ok(Self { frames: BufWriter::new(stdin), writer }),
-            None => Err(RerunError::Start(last_line(&mut writer))),
+            Some(stdin) => Ok(Self { frames: BufWriter::new(stdin), writer, last_line }),
+            None => Err(RerunError::Start(last_line.join().unwrap_or_default())),
         }
     }
 
-    /// Adds a frame.
-    ///
-    /// # Errors
-    /// [`RerunError::Write`].
-    pub fn add(&mut self, frame: u64, boxes: &[Aabb], pairs: &[Pair]) -> Result<(), RerunError> {
+    /// Adds a frame. Returns whether it could; [`end`](Self::end) says why not.
+    pub fn add(&mut self, frame: u64, boxes: &[Aabb], pairs: &[Pair]) -> bool {
         let head = [frame as u32, boxes.len() as u32, pairs.len() as u32];
         let head = head.map(u32::to_le);
         let parts =
             [bytemuck::bytes_of(&head), bytemuck::cast_slice(boxes), bytemuck::cast_slice(pairs)];
-        let written = parts.iter().try_for_each(|part| self.frames.write_all(part));
-        // What it printed says more than that it reads no more.
-        written.map_err(|_| RerunError::Write(last_line(&mut self.writer)))
+        parts.iter().try_for_each(|part| self.frames.write_all(part)).is_ok()
     }
 
     /// Waits until all is written.
@@ -71,18 +71,17 @@ impl Recording {
     /// # Errors
     /// [`RerunError::Write`].
     pub fn end(self) -> Result<(), RerunError> {
-        let Self { mut writer, frames } = self;
+        let Self { mut writer, frames, last_line } = self;
         let is_flushed = frames.into_inner().is_ok();
-        let line = last_line(&mut writer);
         let has_ended = writer.wait().is_ok_and(|status| status.success());
+        let line = last_line.join().unwrap_or_default();
         if is_flushed && has_ended { Ok(()) } else { Err(RerunError::Write(line)) }
     }
 }
 
-/// The last line that it printed to stderr, once it has ended.
-fn last_line(writer: &mut Child) -> String {
+fn last_line(stderr: Option<ChildStderr>) -> String {
     let mut text = Vec::new();
-    if let Some(mut stderr) = writer.stderr.take() {
+    if let Some(mut stderr) = stderr {
         // What came until then is as good.
         let _ = stderr.read_to_end(&mut text);
     }
