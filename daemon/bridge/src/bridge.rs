@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::io::Write;
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use pairmask_core::engine::CullError;
@@ -16,8 +15,6 @@ use crate::zenoh_link::{LinkError, Meeting, ZenohLink};
 
 /// How long the next tick waits where the daemon does not answer.
 const PAUSE: Duration = Duration::from_millis(50);
-/// How long links that could not be made wait for the next try.
-const LINK_PAUSE: Duration = Duration::from_secs(1);
 /// Ticks are no shorter: a scene that nobody else writes would tick as fast as the bridge commits. A game beside it may tick
 /// at 250 Hz.
 const SHORTEST_TICK: Duration = Duration::from_millis(4);
@@ -155,11 +152,7 @@ fn pair_text(pair: &PairId) -> PairText {
 pub struct Bridge {
     settings: Settings,
     member: Member,
-    /// None while it is made anew.
-    link: Option<ZenohLink>,
-    opening: Option<JoinHandle<Result<ZenohLink, LinkError>>>,
-    /// Messages that earlier links had no room for.
-    dropped: u64,
+    link: ZenohLink,
     node: Node,
     begun: Instant,
     ticked_at: Duration,
@@ -190,9 +183,7 @@ impl Bridge {
             node: Node::new(config, Duration::ZERO),
             settings,
             member,
-            link: Some(link),
-            opening: None,
-            dropped: 0,
+            link,
             begun: Instant::now(),
             ticked_at: Duration::ZERO,
             status_at: Duration::ZERO,
@@ -223,8 +214,7 @@ impl Bridge {
             }
         };
         let now = self.begun.elapsed();
-        self.take_link();
-        while let Some(bytes) = self.link.as_ref().and_then(ZenohLink::receive) {
+        while let Some(bytes) = self.link.receive() {
             self.received_bytes += bytes.len() as u64;
             if let Err(refused) = self.node.receive(&bytes, now) {
                 self.note_refused(refused);
@@ -232,16 +222,8 @@ impl Bridge {
         }
         let output = self.node.tick(&changes, now)?;
         for (to, bytes) in output.messages {
-            if let Some(link) = &self.link {
-                self.sent_bytes += bytes.len() as u64;
-                link.send(to, bytes)?;
-            }
-        }
-        if output.lacks_link && self.opening.is_none() {
-            log::warn!(
-                "others reach machines that this one does not reach: its links are made anew"
-            );
-            self.open_again(Duration::ZERO);
+            self.sent_bytes += bytes.len() as u64;
+            self.link.send(to, bytes)?;
         }
         self.member.add(output.ghosts);
         if self.settings.prints_json {
@@ -249,41 +231,9 @@ impl Bridge {
         }
         if now >= self.status_at {
             self.status_at = now + STATUS_INTERVAL;
-            let status = self.status()?;
-            if let Some(link) = &self.link {
-                link.set_status(status);
-            }
+            self.link.set_status(self.status()?);
         }
         Ok(())
-    }
-
-    /// Ends the links, and makes them anew on a thread: other bridges say then to whom to connect. Zenoh connects again by
-    /// itself to the endpoint alone that all were given.
-    fn open_again(&mut self, pause: Duration) {
-        let old = self.link.take();
-        self.dropped += old.as_ref().map_or(0, ZenohLink::dropped);
-        let Settings { meeting, place, me, .. } = &self.settings;
-        let (meeting, scene, machine) = (meeting.clone(), place.scene.clone(), me.machine);
-        self.opening = Some(std::thread::spawn(move || {
-            // It may have that endpoint.
-            if let Some(Err(error)) = old.map(ZenohLink::close) {
-                log::warn!("closing the links: {error}");
-            }
-            std::thread::sleep(pause);
-            ZenohLink::open(&meeting, &scene, machine)
-        }));
-    }
-
-    fn take_link(&mut self) {
-        let Some(opening) = self.opening.take_if(|opening| opening.is_finished()) else { return };
-        match opening.join() {
-            Ok(Ok(link)) => (self.link, self.status_at) = (Some(link), Duration::ZERO),
-            failed => {
-                let why = failed.map(|failed| failed.err().map(|error| error.to_string()));
-                log::warn!("making links anew: {why:?}");
-                self.open_again(LINK_PAUSE);
-            }
-        }
     }
 
     /// Says the first of errors of the scene that follow each other.
@@ -345,7 +295,7 @@ impl Bridge {
             missing: status.missing.iter().map(|machine| machine.0).collect(),
             sent_bytes: self.sent_bytes,
             received_bytes: self.received_bytes,
-            dropped: self.dropped + self.link.as_ref().map_or(0, ZenohLink::dropped),
+            dropped: self.link.dropped(),
             refused: self.refused.clone(),
             peers: status.peers.iter().map(peer).collect(),
             cuts: status.cuts,

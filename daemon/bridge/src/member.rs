@@ -41,6 +41,9 @@ struct Written {
     filter_data: FilterData,
 }
 
+/// What became of the box of an index.
+pub type Changed = (u32, Option<Local>);
+
 /// The membership.
 pub struct Member {
     _session: Session,
@@ -103,7 +106,7 @@ impl Member {
     ///
     /// # Errors
     /// [`Error`].
-    pub fn tick(&mut self) -> Result<(Vec<Observed>, Result<(), Error>), Error> {
+    pub fn tick(&mut self) -> Result<(Vec<Changed>, Result<(), Error>), Error> {
         let committed = self.commit();
         let observed = self.scene.observe()?;
         let own: Vec<_> = self.scene.leases().to_vec();
@@ -211,9 +214,6 @@ impl Member {
         Ok(())
     }
 }
-
-/// What became of the box of an index.
-pub type Observed = (u32, Option<Local>);
 
 /// Filter data for a ghost in a scene with a table: the place of a filter like its own. Where there is none, it keeps the
 /// number that it has on its machine.

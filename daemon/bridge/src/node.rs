@@ -52,13 +52,6 @@ const HOLD_TICKS: u64 = 6;
 const IMBALANCE: f64 = 1.25;
 /// Leases after which a bridge that says nothing is forgotten: numbers that nobody has any more take no memory.
 const REMEMBERED_LEASES: u32 = 16;
-/// Leases for which another bridge reaches more machines than this one before it makes its links anew: who comes or goes is
-/// known to all within two. Two that lack each other wait for so many more, at the most, each in its own way: the second one
-/// has no reason any more.
-const LACKING_LEASES: u32 = 3;
-/// It waits twice as long after each time that did not help, so many times: who may not reach another one by the network's
-/// rules does not end its links for ever.
-const MOST_LACKING_DOUBLED: u32 = 6;
 /// Boxes by which a bridge says how its boxes are spread.
 const SPREAD_SAMPLE: usize = 4_096;
 /// Ticks are below this: a jump to the last one there is would be the end of a scene. 10^5 years of ticks at 60 Hz.
@@ -137,8 +130,6 @@ pub struct Output {
     pub ghosts: Vec<Ghost>,
     /// Reports of ticks, in their order.
     pub reports: Vec<Report>,
-    /// Others reach machines that this bridge does not reach: its links are to be made anew.
-    pub lacks_link: bool,
 }
 
 /// What is known of another bridge.
@@ -186,15 +177,6 @@ struct Contact {
     suspected_until: Duration,
 }
 
-/// Another bridge reaches more machines.
-#[derive(Clone, Copy, Debug)]
-struct Lacking {
-    /// Since it was known first, or links were made anew last.
-    since: Duration,
-    /// How often they were made anew.
-    tries: u32,
-}
-
 /// The bridge.
 #[derive(Debug)]
 pub struct Node {
@@ -213,7 +195,6 @@ pub struct Node {
     /// Pairs that this bridge reports.
     mine: BTreeSet<PairId>,
     missing: BTreeSet<MachineId>,
-    lacking: Option<Lacking>,
     written: BTreeMap<MachineId, ByIndex<Local>>,
     /// The view whose ghosts are in the local scene.
     shown: Version,
@@ -246,7 +227,6 @@ impl Node {
             retired: Vec::new(),
             mine: BTreeSet::new(),
             missing: BTreeSet::new(),
-            lacking: None,
             written: BTreeMap::new(),
             shown: version,
             next_beat: now,
@@ -437,7 +417,6 @@ impl Node {
                 contact.suspected_until = now + lease;
             }
         }
-        output.lacks_link = self.lacks_link(now);
         if now >= self.next_beat {
             self.next_beat = now + lease / BEATS_A_LEASE;
             let beat = self.beat(now);
@@ -447,36 +426,6 @@ impl Node {
             self.propose_if_due(now);
         }
         self.drive(now, output);
-    }
-
-    /// Contacts within a lease, and itself.
-    fn reached(&self, now: Duration) -> u32 {
-        let lease = self.config.lease();
-        1 + self.contacts.values().filter(|contact| now < contact.at + lease).count() as u32
-    }
-
-    /// Whether others have reached more machines than this one for long.
-    fn lacks_link(&mut self, now: Duration) -> bool {
-        let (lease, reached) = (self.config.lease(), self.reached(now));
-        let reaches_more = |contact: &Contact| {
-            let beat = contact.beat.as_ref().filter(|_| now < contact.at + lease);
-            beat.is_some_and(|beat| beat.reached > reached)
-        };
-        if !self.contacts.values().any(reaches_more) {
-            // While links are made anew nobody is reached, and nothing is known.
-            self.lacking = self.lacking.filter(|_| reached == 1);
-            return false;
-        }
-        let Config { me, .. } = self.config;
-        let own_part = (me.incarnation.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40) as f64;
-        let leases = f64::from(LACKING_LEASES) * (1.0 + own_part / f64::from(1 << 24));
-        let Lacking { since, tries } = self.lacking.get_or_insert(Lacking { since: now, tries: 0 });
-        let wait = lease.mul_f64(leases) * (1 << (*tries).min(MOST_LACKING_DOUBLED));
-        let is_long = now >= *since + wait;
-        if is_long {
-            (*since, *tries) = (now, *tries + 1);
-        }
-        is_long
     }
 
     fn beat(&self, now: Duration) -> Beat {
@@ -492,7 +441,6 @@ impl Node {
             is_settled: self.is_settled(now),
             counter: self.counter,
             suspects: suspects.map(|(machine, _)| *machine).collect(),
-            reached: self.reached(now),
             spread,
         }
     }

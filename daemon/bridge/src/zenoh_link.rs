@@ -189,14 +189,6 @@ impl ZenohLink {
         Ok(put.priority(Priority::RealTime).express(true).wait()?)
     }
 
-    /// Ends the link.
-    ///
-    /// # Errors
-    /// [`LinkError`].
-    pub fn close(self) -> Result<(), LinkError> {
-        Ok(self.session.close().wait()?)
-    }
-
     /// The next message that came.
     pub fn receive(&self) -> Option<Vec<u8>> {
         self.received.try_recv().ok()

@@ -1,7 +1,8 @@
 """A network of machines that delays and loses packets, which not every kernel can: as root, in a namespace of its own.
 
     network.py switch DELAY_MS LOSS PORT..   carries frames between interfaces; reads lines `part G..`: a port of
-                                             another group is not reached
+                                             another group is not reached; and `cut A B`: two are
+                                             not reached by each other, until the next line
     network.py plain INTERFACE               has packets leave an interface as they are on a cable: no longer than its
                                              MTU, with their checksums
 """
@@ -35,7 +36,7 @@ def switch(delay, loss, ports):
         selector.register(link, selectors.EVENT_READ, at)
         sockets.append(link)
     selector.register(sys.stdin, selectors.EVENT_READ, None)
-    groups, on_the_way, sent, chance = [0] * len(ports), [], 0, random.Random(1)
+    groups, cut, on_the_way, sent, chance = [0] * len(ports), set(), [], 0, random.Random(1)
     print("carries", flush=True)
     while True:
         now = time.monotonic()
@@ -50,7 +51,9 @@ def switch(delay, loss, ports):
             if key.data is None:
                 words = sys.stdin.readline().split()
                 if words[:1] == ["part"]:
-                    groups = [int(group) for group in words[1:]]
+                    groups, cut = [int(group) for group in words[1:]], set()
+                elif words[:1] == ["cut"]:
+                    cut = {int(machine) for machine in words[1:]}
                 elif not words:
                     selector.unregister(sys.stdin)
                 continue
@@ -65,7 +68,9 @@ def switch(delay, loss, ports):
                 if frame[:5] == mac(0)[:5]:
                     receivers = [frame[5]] if frame[5] < len(ports) else []
                 for to in receivers:
-                    if to != key.data and groups[to] == groups[key.data] and chance.random() >= loss:
+                    if to == key.data or groups[to] != groups[key.data] or {to, key.data} == cut:
+                        continue
+                    if chance.random() >= loss:
                         sent += 1
                         heapq.heappush(on_the_way, (time.monotonic() + delay, sent, to, frame))
 

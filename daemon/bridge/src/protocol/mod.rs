@@ -89,8 +89,6 @@ pub struct Beat {
     pub counter: u64,
     /// Members from which it has no acknowledgement for a lease.
     pub suspects: Vec<MachineId>,
-    /// From how many machines it receives, and itself: who receives from fewer lacks a link.
-    pub reached: u32,
     /// How its own boxes are spread.
     pub spread: Spread,
 }
@@ -261,7 +259,6 @@ impl Beat {
         to.number(self.counter);
         to.number(self.suspects.len() as u64);
         self.suspects.iter().for_each(|machine| to.u32(machine.0));
-        to.number(self.reached.into());
         to.u32(self.spread.count);
         to.bytes(bytemuck::bytes_of(&self.spread.quantiles));
     }
@@ -277,7 +274,6 @@ impl Beat {
             return Err(Refused::Field("suspects"));
         }
         let suspects = (0..count).map(|_| from.u32().map(MachineId)).collect::<Result<_, _>>()?;
-        let reached = u32::try_from(from.number()?).map_err(|_| Refused::Field("reached"))?;
         let count = from.u32()?;
         let mut quantiles = [0.0; QUANTILES];
         for quantile in &mut quantiles {
@@ -287,7 +283,7 @@ impl Beat {
             return Err(Refused::Field("quantiles"));
         }
         let spread = Spread { count, quantiles };
-        Ok(Self { terms, tick, is_settled, counter, suspects, reached, spread })
+        Ok(Self { terms, tick, is_settled, counter, suspects, spread })
     }
 }
 

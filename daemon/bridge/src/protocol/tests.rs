@@ -56,8 +56,7 @@ impl Random {
                 let terms = Terms { axis: 2, lease_ms: 1_000 };
                 let suspects = self.indices().into_iter().map(MachineId).collect();
                 let (tick, counter) = (self.next(), self.next());
-                let (reached, is_settled) = (self.next() as u32, true);
-                Message::Beat(Beat { terms, tick, is_settled, counter, suspects, reached, spread })
+                Message::Beat(Beat { terms, tick, is_settled: true, counter, suspects, spread })
             }
             1 => {
                 let count = 1 + self.below(9) as u32;
@@ -172,7 +171,6 @@ fn refusals_have_names() {
         is_settled: false,
         counter: 1,
         suspects: Vec::new(),
-        reached: 1,
         spread: Spread::default(),
     });
     let bytes = HEAD.message(&message);

@@ -310,22 +310,17 @@ fn a_steward_that_was_not_received_for_a_while_leads_again() {
 }
 
 #[test]
-fn two_that_lack_a_link_make_it_anew() {
+fn two_that_lack_a_link_for_a_while_are_in_one_view_again() {
     for seed in 1..=100 {
         let machines = 3 + seed as usize % 3;
         let mut simulation = faulty(machines, seed);
         let one = seed as usize / 3 % machines;
         let other = (one + 1 + seed as usize % (machines - 1)) % machines;
         simulation.unlinked = Some([one, other]);
-        let begun = simulation.step;
-        while simulation.unlinked.is_some() {
-            assert!(
-                simulation.step < begun + 9 * LEASE_STEPS,
-                "{one} and {other} lack it for long"
-            );
-            simulation.run_step();
-        }
-        assert!(simulation.step > begun + 3 * LEASE_STEPS, "links are not made anew for nothing");
+        simulation.run(5 * LEASE_STEPS + 3 * seed);
+        simulation.unlinked = None;
+        // One of the two may be about to be left out once more.
+        simulation.run(LEASE_STEPS);
         assert!(converges(&mut simulation) > 0);
     }
 }

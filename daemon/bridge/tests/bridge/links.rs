@@ -63,19 +63,6 @@ fn the_same_words_join_all_bridges() {
 }
 
 #[test]
-fn links_that_are_made_anew_meet_again() {
-    let meeting = Meeting { join: free_endpoint("tcp"), config: None };
-    let mut links: Vec<ZenohLink> = (0..2).map(|machine| open(&meeting, machine)).collect();
-    // The one that listens, and the one that connects.
-    for machine in [0, 1] {
-        meet(&links[0], &links[1]);
-        links.remove(machine).close().expect("closed");
-        links.insert(machine, open(&meeting, machine as u32));
-    }
-    meet(&links[0], &links[1]);
-}
-
-#[test]
 fn what_is_no_endpoint_and_no_key_is_refused() {
     let meeting = Meeting { join: "10.0.0.1".into(), config: None };
     let refused = ZenohLink::open(&meeting, "town", MachineId(0)).map(drop);
