@@ -45,31 +45,36 @@ struct Arguments {
 }
 
 fn main() {
-    let Arguments { machines, boxes, slab, beyond, size, margin, speed, moving, .. } =
-        Arguments::parse();
-    let Arguments { tick, lease, latency, loss, bandwidth, .. } = Arguments::parse();
+    let of = Arguments::parse();
     let scenario = Scenario {
-        machines,
-        boxes,
-        slab,
-        beyond,
-        size,
-        margin,
-        speed,
-        moving,
-        tick,
-        lease,
-        latency,
-        loss,
+        machines: of.machines,
+        boxes: of.boxes,
+        slab: of.slab,
+        beyond: of.beyond,
+        size: of.size,
+        margin: of.margin,
+        speed: of.speed,
+        moving: of.moving,
+        tick: of.tick,
+        lease: of.lease,
+        latency: of.latency,
+        loss: of.loss,
         // These decide about late pairs alone, which are not printed.
         pairs: 1.0,
         begins: 0.0,
-        bandwidth,
+        bandwidth: of.bandwidth,
     };
-    let Prediction { ghosts, message_bytes, all_message_bytes, link_bytes, .. } =
-        scenario.predict();
-    let Prediction { link_share, messages_a_second, ghost_age, report_age, .. } =
-        scenario.predict();
+    let Prediction {
+        ghosts,
+        message_bytes,
+        all_message_bytes,
+        link_bytes,
+        link_share,
+        messages_a_second,
+        ghost_age,
+        report_age,
+        ..
+    } = scenario.predict();
     println!(
         "{{\"ghosts\":{ghosts},\"message_bytes\":{message_bytes},\"all_message_bytes\":{all_message_bytes},\
          \"link_bytes\":{link_bytes},\"link_share\":{link_share},\"messages_a_second\":{messages_a_second},\

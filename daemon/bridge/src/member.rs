@@ -8,7 +8,7 @@ use pairmask::{Aabb, AtEnd, Backend, Error, Report, Scene, SceneOptions, Session
 
 use crate::ids::MachineId;
 use crate::node::Ghost;
-use crate::session::Local;
+use crate::session::{IndexNow, Local};
 use crate::state::BoxState;
 
 /// Ghosts that are leased at once: a lease is a request, and a scene has 4,096 at the most.
@@ -40,9 +40,6 @@ struct Written {
     /// Its filter data here: its filter is in this scene's table.
     filter_data: FilterData,
 }
-
-/// What became of the box of an index.
-pub type Changed = (u32, Option<Local>);
 
 /// The membership.
 pub struct Member {
@@ -106,7 +103,7 @@ impl Member {
     ///
     /// # Errors
     /// [`Error`].
-    pub fn tick(&mut self) -> Result<(Vec<Changed>, Result<(), Error>), Error> {
+    pub fn tick(&mut self) -> Result<(Vec<IndexNow>, Result<(), Error>), Error> {
         let committed = self.commit();
         let observed = self.scene.observe()?;
         let own: Vec<_> = self.scene.leases().to_vec();

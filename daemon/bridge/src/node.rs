@@ -38,7 +38,7 @@ use pairmask_core::scene::shared::AtEnd;
 
 use crate::ids::{BoxId, MachineId, PairId, Peer};
 use crate::protocol::{Beat, Head, Message, Proposal, Refused, Terms};
-use crate::session::{ByIndex, Change, Link, Local, Session};
+use crate::session::{ByIndex, Change, IndexNow, Link, Local, Session};
 use crate::space::{Space, Spread};
 use crate::state::BoxState;
 use crate::view::{MOST_MEMBERS, Version, View};
@@ -347,11 +347,7 @@ impl Node {
     ///
     /// # Errors
     /// [`CullError`] where there are more pairs between machines than one bridge can look at.
-    pub fn tick(
-        &mut self,
-        changes: &[(u32, Option<Local>)],
-        now: Duration,
-    ) -> Result<Output, CullError> {
+    pub fn tick(&mut self, changes: &[IndexNow], now: Duration) -> Result<Output, CullError> {
         self.tick = (self.tick + 1).max(self.highest).max(1);
         let changes = self.note(changes);
         for at in 0..self.sessions.len() {
@@ -369,9 +365,9 @@ impl Node {
         Ok(output)
     }
 
-    fn note(&mut self, changes: &[(u32, Option<Local>)]) -> Vec<Change> {
+    fn note(&mut self, changes: &[IndexNow]) -> Vec<Change> {
         let locals = &mut self.locals;
-        let note = |(index, new): &(u32, Option<Local>)| {
+        let note = |(index, new): &IndexNow| {
             let old = match new {
                 Some(local) => locals.insert(*index, *local),
                 None => locals.remove(index),

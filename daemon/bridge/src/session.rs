@@ -19,6 +19,9 @@ pub type ByIndex<T> = HashMap<u32, T, BuildHasherDefault<DefaultHasher>>;
 /// A box at an index: how many boxes the index had before, and what it is.
 pub type Local = (u32, BoxState);
 
+/// An index, and what it has now.
+pub type IndexNow = (u32, Option<Local>);
+
 /// What became of the box of an index in a tick.
 #[derive(Clone, Copy, Debug)]
 pub struct Change {
