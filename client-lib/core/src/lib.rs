@@ -9,6 +9,7 @@ pub mod cancel;
 pub mod cast;
 pub mod dispatch;
 pub mod engine;
+mod fetch;
 pub mod filters;
 pub mod floats;
 mod huge_pages;

@@ -3,8 +3,9 @@
 use std::sync::atomic::{self, AtomicU64};
 
 use super::near::SphereProbe;
-use super::ray::{RayProbe, is_extreme};
-use super::search::{Place, Search};
+use super::probe::Probe;
+use super::ray::RayProbe;
+use super::search::{Candidate, Common, Place, Search, TOGETHER};
 use super::tree::BoxTree;
 use super::{HIT_BYTES, Hit, Hits, Ray};
 use crate::aabb::Aabb;
@@ -132,31 +133,32 @@ impl Among<'_> {
 
 /// A ray or a sphere.
 trait Question: Copy + Sync {
-    fn ask(&self, search: &mut Search<'_>, admits: &dyn Fn(u32) -> bool);
+    type Probe: Probe;
+
+    /// What it is searched by; `None` where it hits nothing.
+    fn probe(&self, place: &Place<'_>) -> Option<Self::Probe>;
 }
 
 impl Question for Ray {
-    fn ask(&self, search: &mut Search<'_>, admits: &dyn Fn(u32) -> bool) {
-        match is_extreme(self) {
-            None => {}
-            Some(_) if matches!(search.place, Place::Candidates(_)) => {
-                search.run(&RayProbe::<f32>::without_bounds(self), admits);
-            }
-            Some(false) => search.run(&RayProbe::<f32>::new(self), admits),
-            Some(true) => search.run(&RayProbe::<f64>::new(self), admits),
+    type Probe = RayProbe;
+
+    fn probe(&self, place: &Place<'_>) -> Option<RayProbe> {
+        match place {
+            Place::Candidates(_) => RayProbe::without_bounds(self),
+            Place::Tree(_) | Place::Boxes(_) => RayProbe::new(self),
         }
     }
 }
 
 impl Question for Sphere {
-    fn ask(&self, search: &mut Search<'_>, admits: &dyn Fn(u32) -> bool) {
-        let reach = match search.place {
+    type Probe = SphereProbe;
+
+    fn probe(&self, place: &Place<'_>) -> Option<SphereProbe> {
+        let reach = match place {
             Place::Tree(tree) => tree.reach(),
             Place::Boxes(_) | Place::Candidates(_) => 0.0,
         };
-        if let Some(probe) = SphereProbe::new(self, reach) {
-            search.run(&probe, admits);
-        }
+        SphereProbe::new(self, reach)
     }
 }
 
@@ -167,6 +169,116 @@ struct Task<'a, Q> {
     found: Vec<Hit>,
     looked_at: u64,
     is_out_of_memory: bool,
+}
+
+/// What a task has found so far. Not the task's, whose neighbours lie in the same lines of the caches.
+struct Gathered<'a> {
+    all: Vec<Hit>,
+    looked_at: u64,
+    counted: usize,
+    pace: Pace,
+    is_out_of_memory: bool,
+    /// Hits of all tasks.
+    count: &'a AtomicU64,
+    limits: Limits<'a>,
+}
+
+impl Gathered<'_> {
+    /// Adds what a question has found among the boxes that it looked at. Whether to go on.
+    fn add(
+        &mut self,
+        query: u32,
+        found: &[Candidate],
+        looked_at: u64,
+        index_of: impl Fn(u32) -> u32,
+    ) -> bool {
+        let Self { all, limits, .. } = self;
+        self.looked_at += looked_at;
+        if all.try_reserve(found.len()).is_err() {
+            self.is_out_of_memory = true;
+            return false;
+        }
+        all.extend(found.iter().map(|hit| Hit {
+            query,
+            index: index_of(hit.index),
+            distance: hit.reported,
+        }));
+        if limits.cancel.look_after(LEAST_TESTS + looked_at, &mut self.pace) {
+            return false;
+        }
+        if all.len() - self.counted < COUNTED_TOGETHER {
+            return true;
+        }
+        self.count_found();
+        !self.is_full()
+    }
+
+    /// Lets the other tasks know how many hits there are.
+    fn count_found(&mut self) {
+        let more = self.all.len() - std::mem::replace(&mut self.counted, self.all.len());
+        // Relaxed: a number that ends a search, and that nothing is read by.
+        self.count.fetch_add(more as u64, atomic::Ordering::Relaxed);
+    }
+
+    fn is_full(&self) -> bool {
+        self.count.load(atomic::Ordering::Relaxed) > self.limits.most_hits
+    }
+}
+
+impl<Q: Question> Task<'_, Q> {
+    /// Finds the hits in one place, of some questions at a time. Whether to go on with others.
+    fn run_in(&self, common: Common<'_>, gathered: &mut Gathered<'_>) -> bool {
+        let mut searches = Vec::with_capacity(TOGETHER);
+        let mut memory = Vec::new();
+        let together = common.together();
+        for (first, some) in (self.first..).step_by(together).zip(self.questions.chunks(together)) {
+            for (query, question) in (first..).zip(some) {
+                // A copy: another process may write questions while they are read.
+                let question = *question;
+                if let Some(probe) = question.probe(&common.place) {
+                    let kept = memory.pop().unwrap_or_default();
+                    searches.push(Search::new(common, query, probe, kept));
+                }
+            }
+            Search::run(&mut searches);
+            for search in searches.drain(..) {
+                if !gathered.add(search.query, &search.found, search.looked_at, |index| index) {
+                    return false;
+                }
+                memory.push(search.found);
+            }
+        }
+        true
+    }
+
+    /// Finds the hits among what somebody found for each question. Whether to go on with others.
+    fn run_among(
+        &self,
+        candidates_of: &CandidatesOf<'_>,
+        common: Common<'_>,
+        gathered: &mut Gathered<'_>,
+    ) -> bool {
+        let (mut candidates, mut kept) = (Vec::new(), Vec::new());
+        for (query, question) in (self.first..).zip(self.questions) {
+            let question = *question;
+            candidates.clear();
+            candidates_of(query, &mut candidates);
+            // So that those as near as each other come by their index.
+            candidates.sort_unstable_by_key(|(index, _)| *index);
+            let index_of = |at: u32| candidates.get(at as usize).map_or(at, |(index, _)| *index);
+            let admits = |query, at| (common.admits)(query, index_of(at));
+            let common =
+                Common { place: Place::Candidates(&candidates), admits: &admits, ..common };
+            let Some(probe) = question.probe(&common.place) else { continue };
+            let mut search = Search::new(common, query, probe, kept);
+            Search::run(std::slice::from_mut(&mut search));
+            kept = search.found;
+            if !gathered.add(query, &kept, search.looked_at, index_of) {
+                return false;
+            }
+        }
+        true
+    }
 }
 
 /// A thread decides a candidate in so long, ns.
@@ -226,60 +338,39 @@ fn find<Q: Question>(
             is_out_of_memory: false,
         })
         .collect();
-    let (isa, count) = (AvailableIsa::best(), AtomicU64::new(0));
+    let count = AtomicU64::new(0);
     let is_full = || count.load(atomic::Ordering::Relaxed) > limits.most_hits;
+    let common = |place| Common {
+        place,
+        hits,
+        room: usize::try_from(limits.most_hits).unwrap_or(usize::MAX).saturating_add(1),
+        isa: AvailableIsa::best(),
+        admits,
+    };
     for_each_in_parts(&mut tasks, parts, |task| {
         if is_full() {
             return;
         }
-        let room = usize::try_from(limits.most_hits).unwrap_or(usize::MAX).saturating_add(1);
-        let (mut kept, mut candidates) = (Vec::new(), Vec::new());
-        // Not the task's, whose neighbours lie in the same lines of the caches.
-        let (mut all, mut looked_at, mut counted, mut pace) = (Vec::new(), 0, 0, Pace::default());
-        for (query, question) in (task.first..).zip(task.questions) {
-            // A copy: another process may write questions while they are read.
-            let question = *question;
-            candidates.clear();
-            let place = match among {
-                Among::Tree(tree) => Place::Tree(tree),
-                Among::Boxes(boxes) => Place::Boxes(boxes),
-                Among::Candidates(of) => {
-                    of(query, &mut candidates);
-                    // So that those as near as each other come by their index.
-                    candidates.sort_unstable_by_key(|(index, _)| *index);
-                    Place::Candidates(&candidates)
-                }
-            };
-            let index_of = |at: u32| candidates.get(at as usize).map_or(at, |(index, _)| *index);
-            let mut search = Search { place, hits, room, isa, found: kept, looked_at: 0 };
-            search.found.clear();
-            question.ask(&mut search, &|at| admits(query, index_of(at)));
-            looked_at += search.looked_at;
-            let tests = LEAST_TESTS + search.looked_at;
-            kept = search.found;
-            if all.try_reserve(kept.len()).is_err() {
-                task.is_out_of_memory = true;
-                break;
+        let mut gathered = Gathered {
+            all: Vec::new(),
+            looked_at: 0,
+            counted: 0,
+            pace: Pace::default(),
+            is_out_of_memory: false,
+            count: &count,
+            limits,
+        };
+        match among {
+            Among::Tree(tree) => task.run_in(common(Place::Tree(tree)), &mut gathered),
+            Among::Boxes(boxes) => task.run_in(common(Place::Boxes(boxes)), &mut gathered),
+            Among::Candidates(of) => {
+                task.run_among(of, common(Place::Candidates(&[])), &mut gathered)
             }
-            all.extend(kept.iter().map(|hit| Hit {
-                query,
-                index: index_of(hit.index),
-                distance: hit.reported,
-            }));
-            if limits.cancel.look_after(tests, &mut pace) {
-                return;
-            }
-            if all.len() - counted >= COUNTED_TOGETHER {
-                // Relaxed: a number that ends a search, and that nothing is read by.
-                count.fetch_add((all.len() - counted) as u64, atomic::Ordering::Relaxed);
-                counted = all.len();
-                if is_full() {
-                    return;
-                }
-            }
-        }
-        count.fetch_add((all.len() - counted) as u64, atomic::Ordering::Relaxed);
-        (task.found, task.looked_at) = (all, looked_at);
+        };
+        gathered.count_found();
+        task.found = gathered.all;
+        task.looked_at = gathered.looked_at;
+        task.is_out_of_memory = gathered.is_out_of_memory;
     });
     if limits.cancel.is_cancelled() {
         return Err(CullError::Cancelled);

@@ -23,7 +23,8 @@
 //!
 //! Boxes lie in a tree of groups of 16 ([`BoxTree`]), in the order that `cpu-tree` brings them into. A search goes from
 //! the whole down, the nearest group first, with bounds in f32 that are rounded outward (Ize 2013), 16 groups or boxes
-//! at a time. A box within its bounds is decided in f64, and where that is too close to say, by exact sums (Shewchuk
+//! at a time. Several searches take turns: what one asks memory for comes while the others are at work. A box within its
+//! bounds is decided in f64, and where that is too close to say, by exact sums (Shewchuk
 //! 1997).
 //!
 //! ```text

@@ -16,19 +16,19 @@ const MANTISSA_BITS: u32 = 23;
 
 /// A valid sphere. Its distances are squares; those of bounds are scaled.
 #[derive(Clone, Copy)]
-pub(super) struct SphereProbe<'a> {
-    sphere: &'a Sphere,
+pub(super) struct SphereProbe {
+    sphere: Sphere,
     scale: f32,
 }
 
-impl<'a> SphereProbe<'a> {
+impl SphereProbe {
     /// A sphere among boxes whose finite coordinates are up to `reach` from 0; `None` where it finds nothing.
-    pub fn new(sphere: &'a Sphere, reach: f32) -> Option<Self> {
+    pub fn new(sphere: &Sphere, reach: f32) -> Option<Self> {
         let farthest = sphere.center.iter().fold(reach, |most, x| most.max(x.abs()));
         let exponent = (farthest.to_bits() >> MANTISSA_BITS) as i32 - EXPONENT_BIAS;
         let scale = (LARGEST - exponent).clamp(*SCALES.start(), *SCALES.end());
         let scale = f32::from_bits(((scale + EXPONENT_BIAS) as u32) << MANTISSA_BITS);
-        (sphere.class() == BoxClass::Valid).then_some(Self { sphere, scale })
+        (sphere.class() == BoxClass::Valid).then_some(Self { sphere: *sphere, scale })
     }
 
     fn gaps(&self, b: &Aabb) -> [f64; 3] {
@@ -59,7 +59,7 @@ impl<'a> SphereProbe<'a> {
     }
 }
 
-impl Probe for SphereProbe<'_> {
+impl Probe for SphereProbe {
     #[inline(always)]
     fn keys(&self, boxes: &Node, limit: f32, keys: &mut Keys) {
         let mut squares = [0.0; FAN_OUT];

@@ -1,6 +1,7 @@
 //! Sixteen boxes side by side.
 
 use crate::aabb::Aabb;
+use crate::fetch::ask_for;
 
 /// Boxes of a leaf, and groups of a group.
 pub(super) const FAN_OUT: usize = 16;
@@ -74,6 +75,15 @@ impl Node {
         }
     }
 
+    /// Asks for all of it, of which a test reads each line.
+    #[inline(always)]
+    pub fn ask_for(&self) {
+        for axis in 0..3 {
+            ask_for(&self.min, axis);
+            ask_for(&self.max, axis);
+        }
+    }
+
     /// A box around all.
     pub fn bounds(&self) -> Aabb {
         let mut bounds = NOTHING;
@@ -98,4 +108,11 @@ pub(super) struct Leaf {
 
 impl Leaf {
     pub const NOTHING: Self = Self { boxes: Node::NOTHING, indices: [0; FAN_OUT] };
+
+    /// Asks for all of it.
+    #[inline(always)]
+    pub fn ask_for(&self) {
+        self.boxes.ask_for();
+        ask_for(&self.indices, 0);
+    }
 }

@@ -99,70 +99,73 @@ impl Real for f64 {
     }
 }
 
-/// A valid ray, with bounds in f32, or for extreme numbers in f64.
+/// A valid ray.
 #[derive(Clone, Copy)]
-pub(super) struct RayProbe<'a, F> {
-    ray: &'a Ray,
+pub(super) struct RayProbe {
+    ray: Ray,
+    /// The largest t that makes a difference.
+    most: f32,
+    bounds: Bounds,
+}
+
+/// By what boxes are left out before they are measured.
+#[derive(Clone, Copy)]
+enum Bounds {
+    None,
+    Usual(Slabs<f32>),
+    /// For extreme numbers.
+    Extreme(Slabs<f64>),
+}
+
+/// Bounds of where a ray enters and leaves boxes.
+#[derive(Clone, Copy)]
+struct Slabs<F> {
     /// What faces that the ray enters, and leaves, by are counted from.
     near: [F; 3],
     far: [F; 3],
     one_over: [F; 3],
     /// Whether it enters by the maxes.
     is_reversed: [bool; 3],
-    /// The largest t that makes a difference.
-    most: f32,
 }
 
-/// Whether a ray is valid, and whether bounds of it are to be in f64; `None` where it hits nothing.
-pub(super) fn is_extreme(ray: &Ray) -> Option<bool> {
-    let Ray { origin, direction, most, half_extents } = ray;
-    let is_finite = |of: &[f32; 3]| of.iter().all(|x| x.is_finite());
-    let is_valid = is_finite(origin)
-        && is_finite(direction)
+fn is_valid(Ray { origin, direction, most, half_extents }: &Ray) -> bool {
+    origin.iter().chain(direction).all(|x| x.is_finite())
         && half_extents.iter().all(|x| x.is_finite() && *x >= 0.0)
-        && *most >= 0.0;
+        && *most >= 0.0
+}
+
+/// Whether bounds of a valid ray are to be in f64.
+fn is_extreme(Ray { origin, direction, half_extents, .. }: &Ray) -> bool {
     let is_usual = |x: &f32| *x == 0.0 || DIRECTIONS.contains(&x.abs());
     let is_near = |x: &f32| x.abs() <= FARTHEST;
-    is_valid.then(|| {
-        !(direction.iter().all(is_usual) && origin.iter().chain(half_extents).all(is_near))
-    })
+    !(direction.iter().all(is_usual) && origin.iter().chain(half_extents).all(is_near))
 }
 
-impl<'a, F: Real> RayProbe<'a, F> {
-    /// One that knows no bounds, and measures boxes.
-    pub fn without_bounds(ray: &'a Ray) -> Self {
-        Self {
-            ray,
+impl<F: Real> Slabs<F> {
+    fn of(Ray { origin, direction, half_extents, .. }: &Ray) -> Self {
+        let mut slabs = Self {
             near: [F::ZERO; 3],
             far: [F::ZERO; 3],
             one_over: [F::INFINITY; 3],
             is_reversed: [false; 3],
-            // One that does not move is where it is at once. Never -0, whose bits do not sort.
-            most: if ray.direction.iter().all(|d| *d == 0.0) { 0.0 } else { ray.most + 0.0 },
-        }
-    }
-
-    pub fn new(ray: &'a Ray) -> Self {
-        let Ray { origin, direction, half_extents, .. } = ray;
-        let mut probe = Self::without_bounds(ray);
+        };
         for axis in 0..3 {
             let (o, h, d) = (origin[axis], half_extents[axis], direction[axis]);
             // Mins are less the half extents, and so counted from an origin with them; maxes the other way.
             let (of_mins, of_maxes) = (F::sum_above(o, h), F::sum_above(-o, h).negated());
-            probe.is_reversed[axis] = d < 0.0;
-            (probe.near[axis], probe.far[axis]) =
+            slabs.is_reversed[axis] = d < 0.0;
+            (slabs.near[axis], slabs.far[axis]) =
                 if d < 0.0 { (of_maxes, of_mins) } else { (of_mins, of_maxes) };
             if d != 0.0 {
-                probe.one_over[axis] = F::one_over(d);
+                slabs.one_over[axis] = F::one_over(d);
             }
         }
-        probe
+        slabs
     }
 
-    /// Where the ray enters and leaves each of 16 boxes. What is no number, of a face at the origin and a component 0 of the
-    /// direction, bounds nothing.
+    /// The keys of 16 boxes. What is no number, of a face at the origin and a component 0 of the direction, bounds nothing.
     #[inline(always)]
-    fn slabs(&self, boxes: &Node, limit: f32) -> [[F; FAN_OUT]; 2] {
+    fn keys(&self, boxes: &Node, limit: f32, keys: &mut Keys) {
         let mut enter = [F::ZERO; FAN_OUT];
         let mut leave = [F::of(limit); FAN_OUT];
         for axis in 0..3 {
@@ -176,7 +179,32 @@ impl<'a, F: Real> RayProbe<'a, F> {
                 leave[lane] = if at < leave[lane] { at } else { leave[lane] };
             }
         }
-        [enter, leave]
+        for lane in 0..FAN_OUT {
+            let is_met = F::is_met(enter[lane], leave[lane]);
+            keys[lane] = if is_met { key(enter[lane].lowered(), lane) } else { MISSED };
+        }
+    }
+}
+
+impl RayProbe {
+    /// One that knows no bounds, and measures boxes; `None` for an invalid ray, which hits nothing.
+    pub fn without_bounds(ray: &Ray) -> Option<Self> {
+        is_valid(ray).then(|| Self {
+            ray: *ray,
+            // One that does not move is where it is at once. Never -0, whose bits do not sort.
+            most: if ray.direction.iter().all(|d| *d == 0.0) { 0.0 } else { ray.most + 0.0 },
+            bounds: Bounds::None,
+        })
+    }
+
+    /// `None` for an invalid ray, which hits nothing.
+    pub fn new(ray: &Ray) -> Option<Self> {
+        let bounds = if is_extreme(ray) {
+            Bounds::Extreme(Slabs::of(ray))
+        } else {
+            Bounds::Usual(Slabs::of(ray))
+        };
+        Some(Self { bounds, ..Self::without_bounds(ray)? })
     }
 
     /// Where the ray enters a slab, and where it leaves it.
@@ -256,13 +284,13 @@ impl Fraction {
     }
 }
 
-impl<F: Real> Probe for RayProbe<'_, F> {
+impl Probe for RayProbe {
     #[inline(always)]
     fn keys(&self, boxes: &Node, limit: f32, keys: &mut Keys) {
-        let [enter, leave] = self.slabs(boxes, limit);
-        for lane in 0..FAN_OUT {
-            let is_met = F::is_met(enter[lane], leave[lane]);
-            keys[lane] = if is_met { key(enter[lane].lowered(), lane) } else { MISSED };
+        match &self.bounds {
+            Bounds::None => *keys = std::array::from_fn(|lane| key(0.0, lane)),
+            Bounds::Usual(slabs) => slabs.keys(boxes, limit, keys),
+            Bounds::Extreme(slabs) => slabs.keys(boxes, limit, keys),
         }
     }
 

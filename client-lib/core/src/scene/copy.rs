@@ -4,11 +4,11 @@ use std::borrow::Cow;
 
 use super::edit::{Edit, FilterDataSets, Indices, Sets, Step, UserData, UserDataSets};
 use super::error::EditError;
-use super::fetch::ask_for;
 use super::rules::{FilterHistory, apply_rules};
 use super::snapshot::BoxSnapshot;
 use super::states::{BoxStates, EDIT_REMOVES, EDIT_SETS, PRESENT, grow};
 use crate::aabb::Aabb;
+use crate::fetch::ask_for;
 use crate::filters::{FilterData, FilterTable, Rules};
 use crate::write::par_write_boxes;
 

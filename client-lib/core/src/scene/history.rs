@@ -12,12 +12,12 @@ use super::cells::{
     BATCH, BATCHES, CHANGED, Candidate, Cells, INDEX, Looked, Probe, STATIC, in_stages, is_valid,
 };
 use super::change::{WasIs, change, overlap};
-use super::fetch::ask_for;
 use super::pair_list::{Difference, Pair, pair, starts_of};
 use super::states;
 use super::store::{BoxState, Store};
 use crate::aabb::Aabb;
 use crate::cancel::{Cancel, Pace};
+use crate::fetch::ask_for;
 use crate::floats;
 use crate::team::{for_each_in_parts, part_count, zip_in_parts};
 use crate::test_budget::{TestBudget, TestLot};

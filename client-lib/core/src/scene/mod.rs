@@ -43,7 +43,6 @@ mod copy;
 mod draft;
 mod edit;
 mod error;
-mod fetch;
 mod history;
 mod indices;
 mod margins;

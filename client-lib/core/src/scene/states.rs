@@ -6,8 +6,8 @@ use std::collections::TryReserveError;
 use super::answer::EndReason;
 use super::edit::{Edit, Indices, Sets};
 use super::error::EditError;
-use super::fetch::ask_for;
 use super::rules::FilterHistory;
+use crate::fetch::ask_for;
 use crate::filters::FilterData;
 
 /// The index has a box.

@@ -8,10 +8,10 @@ use std::collections::HashMap;
 use self::rising::Rising;
 use super::edit::{Edit, Indices, Sets};
 use super::error::EditError;
-use super::fetch::ask_for;
 use super::rules::{FilteredBoxes, apply_rules};
 use super::states::{BoxStates, CHANGED, DISABLED, NAMED, PRESENT, STILL, grow, has_bit};
 use crate::aabb::Aabb;
+use crate::fetch::ask_for;
 use crate::huge_pages;
 
 /// Boxes that are asked for this many before they are set, where their indices are a list: so many misses of the caches

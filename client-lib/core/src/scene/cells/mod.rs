@@ -29,10 +29,10 @@ use self::ghosts::Ghosts;
 use self::layout::Level;
 use self::quanta::Quanta;
 use self::runs::{NOWHERE, Runs};
-use super::fetch::ask_for;
 use super::states;
 use super::store::Store;
 use crate::aabb::Aabb;
+use crate::fetch::ask_for;
 use crate::team::zip_in_parts;
 
 /// Boxes whose moves are found before any is made: 384 KiB.

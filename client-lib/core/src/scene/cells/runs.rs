@@ -1,8 +1,8 @@
 //! Runs of blocks, one for each cell: filled from the front, and moved where they grow.
 
 use super::block::{Block, SLOTS, Slot};
+use crate::fetch::ask_for;
 use crate::huge_pages;
-use crate::scene::fetch::ask_for;
 
 /// No place, and no cell.
 pub(super) const NOWHERE: u32 = u32::MAX;

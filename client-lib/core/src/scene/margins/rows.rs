@@ -4,9 +4,9 @@
 //! state in the bits above. Rows are sorted, so that a pair is found in log(its neighbours), and lists that
 //! are read row by row are sorted.
 
-use super::super::fetch::ask_for;
 use super::super::options::MOST_BOXES;
 use super::super::pair_list::Pair;
+use crate::fetch::ask_for;
 
 /// State of a pair, in the bits above the index.
 pub(super) mod state {

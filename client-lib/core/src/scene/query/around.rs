@@ -6,11 +6,11 @@ use super::{Room, crowded};
 use crate::aabb::{Aabb, KeyBox};
 use crate::cancel::Pace;
 use crate::engine::CullError;
+use crate::fetch::ask_for;
 use crate::floats;
 use crate::scene::cells::{
     BATCH, BATCHES, CHANGED, Candidate, Cells, INDEX, Looked, in_stages, is_valid,
 };
-use crate::scene::fetch::ask_for;
 use crate::scene::history::in_order_of;
 use crate::scene::pair_list::{Pair, sort_row};
 use crate::team::{for_each_in_parts, part_count};

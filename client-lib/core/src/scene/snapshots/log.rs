@@ -3,12 +3,12 @@
 use std::collections::HashMap;
 
 use super::super::edit::{Edit, Indices, Step};
-use super::super::fetch::ask_for;
 use super::super::pair_list::Pair;
 use super::super::snapshot::BoxSnapshot;
 use super::Replicas;
 use super::restore::Incarnations;
 use crate::aabb::Aabb;
+use crate::fetch::ask_for;
 use crate::filters::{FilterTable, Listed};
 
 /// A box of the scene, and which one of those that its index has had.

@@ -2,8 +2,8 @@
 
 use super::{AHEAD, Store, are_same};
 use crate::aabb::Aabb;
+use crate::fetch::ask_for;
 use crate::scene::edit::Indices;
-use crate::scene::fetch::ask_for;
 use crate::scene::states::{CHANGED, DISABLED, EDIT_SETS, NAMED, PRESENT};
 use crate::team::{in_parts, part_count};
 

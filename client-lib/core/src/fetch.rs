@@ -3,7 +3,7 @@
 
 /// Asks for the line of an item. An item beyond the slice is no harm.
 #[inline(always)]
-pub(super) fn ask_for<T>(slice: &[T], at: u32) {
+pub(crate) fn ask_for<T>(slice: &[T], at: u32) {
     #[cfg(target_arch = "x86_64")]
     {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
