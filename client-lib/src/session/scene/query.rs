@@ -199,10 +199,19 @@ impl QueryAnswer {
         let mut some = [[0; 2]; SLICE];
         self.mask.for_each_slice(|pairs| {
             for pairs in pairs.chunks(SLICE) {
-                let mut len = 0;
-                for [a, b] in pairs {
-                    some[len] = [*a, b.wrapping_sub(self.queries)];
-                    len += usize::from(*a < self.queries && *b >= self.queries);
+                let mut wrong = false;
+                for (to, [a, b]) in some.iter_mut().zip(pairs) {
+                    *to = [*a, b.wrapping_sub(self.queries)];
+                    wrong |= *a >= self.queries || *b < self.queries;
+                }
+                let mut len = pairs.len();
+                if wrong {
+                    let right = |[a, b]: &&[u32; 2]| *a < self.queries && *b >= self.queries;
+                    len = 0;
+                    for [a, b] in pairs.iter().filter(right) {
+                        some[len] = [*a, b - self.queries];
+                        len += 1;
+                    }
                 }
                 f(&some[..len]);
             }
