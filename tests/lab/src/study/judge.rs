@@ -4,7 +4,7 @@ use pairmask_core::Encoding;
 use pairmask_core::engine::AvailableIsa;
 use pairmaskd::cli::machine::Machine;
 
-use super::harness::{Fields, Part, Report, Table, row};
+use super::harness::{Fields, Part, Report, Table, median, row};
 use super::ways::{
     Case, CaseTimes, Planned, core_count, distinct, measure_case, pools, thread_counts,
 };
@@ -18,13 +18,28 @@ const LIMITS: [f64; 2] = [1.15, 1.4];
 /// Largest scene whose dense mask, of 1 MiB, is measured: no plan chooses it for one pair a box.
 const DENSE_BOXES: usize = 4_096;
 
+/// Every other frame of a measurement.
+#[derive(Clone, Copy)]
+enum Half {
+    /// By which the best way is chosen.
+    Chosen,
+    /// By which that and the planned one are measured.
+    Measured,
+}
+
+fn median_of_half(times: &[u64], half: Half) -> u64 {
+    let first = usize::from(matches!(half, Half::Measured));
+    median(times.iter().skip(first).step_by(2).map(|ns| *ns as f64).collect()) as u64
+}
+
 /// Judges what was planned for a measured case.
 fn judge(measured: &CaseTimes, planned: &Planned) -> Option<Fields> {
     let Case { scene, n } = measured.case;
     let Planned { threads, plan, .. } = planned;
     let allowed = measured.ways.iter().filter(|timed| timed.way.threads <= *threads);
-    let best = allowed.min_by_key(|timed| timed.least_ns())?;
-    let (best_ns, planned_ns) = (best.least_ns(), planned.least_ns());
+    let best = allowed.min_by_key(|timed| median_of_half(&timed.total_ns(), Half::Chosen))?;
+    let best_ns = median_of_half(&best.total_ns(), Half::Measured);
+    let planned_ns = median_of_half(&planned.total_ns, Half::Measured);
     let candidate = plan.candidates[plan.engine.ordinal()];
     Some(row!(
         scene: scene.as_str(),
