@@ -35,18 +35,21 @@
 //! tree      boxes in groups, kept right as they move
 //! search    the hits of one question
 //! batch     those of many
+//! overlap   the boxes that a box overlaps
 //! ```
 
 mod batch;
 mod exact;
 mod near;
 mod node;
+mod overlap;
 mod probe;
 mod ray;
 mod search;
 mod tree;
 
 pub use self::batch::{Among, CandidatesOf, Deciders, Limits, Shapes};
+pub(crate) use self::overlap::Ahead;
 pub use self::tree::{BoxTree, near_order};
 
 use bytemuck::{Pod, Zeroable};

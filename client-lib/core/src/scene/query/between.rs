@@ -5,9 +5,10 @@
 //! proportion to the pairs within a set.
 
 use super::Room;
-use super::{around, direct};
+use super::{around, crowded, direct};
 use crate::aabb::Aabb;
 use crate::cancel::{BOX_TESTS, Cancel, Pace};
+use crate::cast::BoxTree;
 use crate::engine::CullError;
 use crate::floats;
 use crate::scene::cells::{Cells, is_valid};
@@ -96,7 +97,13 @@ pub(super) fn between_unless(
     } else {
         let cells = Cells::of(boxes, |_| false, threads);
         let memory = &mut around::Memory::default();
-        around::find(&cells, boxes, queries, threads, room, memory, found)?
+        let tested = around::find(&cells, boxes, queries, threads, room, memory, found)?;
+        if let Some(tested) = tested {
+            tested
+        } else {
+            let tree = BoxTree::unless(cancel, boxes, threads).ok_or(CullError::Cancelled)?;
+            crowded::find(&tree, boxes, queries, threads, room, found)?
+        }
     };
     let of_large = usize::from(asks_small);
     for pair in found.iter_mut() {

@@ -140,31 +140,36 @@ impl CastTree {
         threads: usize,
         cancel: &Cancel,
     ) -> Among<'a> {
-        self.unused = 0;
         if self.tree.is_none() {
             self.cast = self.cast.saturating_add(shapes as u64);
             if self.cast < MANY_SHAPES || boxes.len() <= FEW_BOXES {
+                self.unused = 0;
                 return Among::Boxes(boxes);
             }
-            return match BoxTree::unless(cancel, boxes, threads) {
-                Some(tree) => {
-                    (self.is_all_changed, self.cast) = (false, 0);
-                    Among::Tree(self.tree.insert(tree))
-                }
-                None => Among::Boxes(boxes),
-            };
+        }
+        self.tree(boxes, threads, cancel).map_or(Among::Boxes(boxes), Among::Tree)
+    }
+
+    /// The tree of boxes, as they are; `None` where nobody waits for it.
+    pub(super) fn tree(
+        &mut self,
+        boxes: &[Aabb],
+        threads: usize,
+        cancel: &Cancel,
+    ) -> Option<&BoxTree> {
+        self.unused = 0;
+        if self.tree.is_none() {
+            let tree = BoxTree::unless(cancel, boxes, threads)?;
+            (self.is_all_changed, self.cast) = (false, 0);
+            return Some(self.tree.insert(tree));
         }
         let changed = (!std::mem::take(&mut self.is_all_changed)).then_some(&self.changed[..]);
-        match &mut self.tree {
-            Some(tree) => {
-                if changed.is_none_or(|changed| !changed.is_empty()) {
-                    tree.update(boxes, changed, threads);
-                    self.changed.clear();
-                }
-                Among::Tree(tree)
-            }
-            None => Among::Boxes(boxes),
+        let tree = self.tree.as_mut()?;
+        if changed.is_none_or(|changed| !changed.is_empty()) {
+            tree.update(boxes, changed, threads);
+            self.changed.clear();
         }
+        Some(tree)
     }
 }
 

@@ -3,7 +3,7 @@
 //!
 //! A query looks around its box in the cells that edits are searched in (`around`), where there are any. It
 //! builds them where that has come to cost less than comparing each query with each box (`direct`), and edits
-//! keep them right from then on. What edits report does not depend on it.
+//! keep them right from then on. Where cells do not part the boxes, it goes down the tree of casts (`crowded`). What edits report does not depend on it.
 //!
 //! ```text
 //! how      cells or each with each, and which cells             (mod)
@@ -33,6 +33,7 @@ use super::cells::Cells;
 use super::pair_list::{PAIR_BYTES, Pair, starts_of};
 use super::states::STILL;
 use crate::aabb::Aabb;
+use crate::backoff::Backoff;
 use crate::cancel::Cancel;
 use crate::engine::{CullError, ReserveError};
 use crate::team;
@@ -46,7 +47,7 @@ const FEW_TESTS: u64 = 16_384;
 /// A query takes so long on one thread, ns, with its sorting.
 const QUERY_NS: f64 = 500.0;
 /// Tests of a query, and for each box of the scene, that searches in cells take at the most, and more for each pair
-/// that they find: beyond, one cull of queries and boxes takes less. A query among boxes that cells part tests 30 to
+/// that they find: beyond, a tree takes less. A query among boxes that cells part tests 30 to
 /// 100.
 const TESTS_A_QUERY: i64 = 256;
 const TESTS_A_BOX: i64 = 64;
@@ -136,6 +137,8 @@ pub(super) struct Asked {
     moved: usize,
     most_pairs: u64,
     memory: around::Memory,
+    /// How long queries do without cells, which did not part the boxes.
+    crowded: Backoff,
     casts: CastTree,
 }
 
@@ -147,6 +150,7 @@ impl Default for Asked {
             moved: 0,
             most_pairs: u64::from(u32::MAX),
             memory: around::Memory::default(),
+            crowded: Backoff::NONE,
             casts: CastTree::default(),
         }
     }
@@ -209,14 +213,28 @@ impl Scene {
         }
         self.threads = team::threads_for(queries.len() as f64 * QUERY_NS, self.options.threads);
         let _team = team::enter(self.threads);
-        self.build_cells_for(queries.len() as u64);
+        let is_crowded = self.asked.crowded.is_waiting();
+        if !is_crowded {
+            self.build_cells_for(queries.len() as u64);
+        }
         self.asked.moved = 0;
         let (threads, boxes) = (self.threads, self.store.boxes());
         let room = Room::new(self.asked.most_pairs, queries.len(), boxes.len(), &self.cancel);
-        let Asked { cells: of_now, memory, .. } = &mut self.asked;
+        let Asked { cells: of_now, memory, crowded, casts, .. } = &mut self.asked;
         let tested = match self.cells.as_ref().or(of_now.as_ref()) {
+            _ if is_crowded => None,
             Some(cells) => around::find(cells, boxes, queries, threads, &room, memory, found)?,
-            None => direct::find(boxes, queries, threads, &room, found)?,
+            None => Some(direct::find(boxes, queries, threads, &room, found)?),
+        };
+        let tested = if let Some(tested) = tested {
+            tested
+        } else {
+            if !is_crowded {
+                crowded.failed();
+                *of_now = None;
+            }
+            let tree = casts.tree(boxes, threads, &self.cancel).ok_or(CullError::Cancelled)?;
+            crowded::find(tree, boxes, queries, threads, &room, found)?
         };
         filter_data.filter(self.filters(), |index| self.store.states.has(index, STILL), found);
         Ok(tested)
