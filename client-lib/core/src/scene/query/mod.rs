@@ -3,7 +3,8 @@
 //!
 //! A query looks around its box in the cells that edits are searched in (`around`), where there are any. It
 //! builds them where that has come to cost less than comparing each query with each box (`direct`), and edits
-//! keep them right from then on. Where cells do not part the boxes, it goes down the tree of casts (`crowded`). What edits report does not depend on it.
+//! keep them right from then on. Where cells do not part the boxes, it goes down the tree of casts (`crowded`). What edits
+//! report does not depend on it.
 //!
 //! ```text
 //! how      cells or each with each, and which cells             (mod)
