@@ -98,7 +98,7 @@ impl Node {
     }
 }
 
-/// A leaf: boxes and their indices.
+/// A leaf: boxes and their indices, which are beyond all where there is no box.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(super) struct Leaf {
@@ -107,7 +107,7 @@ pub(super) struct Leaf {
 }
 
 impl Leaf {
-    pub const NOTHING: Self = Self { boxes: Node::NOTHING, indices: [0; FAN_OUT] };
+    pub const NOTHING: Self = Self { boxes: Node::NOTHING, indices: [u32::MAX; FAN_OUT] };
 
     /// Asks for all of it.
     #[inline(always)]

@@ -13,8 +13,9 @@ pub(crate) struct Ahead {
 }
 
 impl BoxTree {
-    /// Adds the indices of all boxes that overlap a valid box, and of some that lie at infinity. Needs the default
-    /// floating-point flags. Returns how many boxes and groups were looked at.
+    /// Adds the indices of all boxes that overlap a valid box. Where that is infinite, some that overlap nothing may be
+    /// among them, and some beyond all boxes. Needs the default floating-point flags. Returns how many boxes and groups were
+    /// looked at.
     pub(crate) fn add_overlapping(&self, b: &Aabb, ahead: &mut Ahead, found: &mut Vec<u32>) -> u64 {
         descend(self, b, ahead, found, AvailableIsa::best())
     }

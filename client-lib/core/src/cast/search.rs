@@ -48,7 +48,7 @@ pub(super) enum Place<'a> {
 pub(super) struct Common<'a> {
     pub place: Place<'a>,
     pub hits: Hits,
-    /// Most hits of a question.
+    /// One more than all questions together may have.
     pub room: usize,
     pub isa: AvailableIsa,
     /// Whether a question, by its number, may hit a box.

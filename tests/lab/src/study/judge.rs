@@ -18,8 +18,8 @@ const LIMITS: [f64; 2] = [1.15, 1.4];
 /// Largest scene whose dense mask, of 1 MiB, is measured: no plan chooses it for one pair a box.
 const DENSE_BOXES: usize = 4_096;
 
-/// Every other frame of a measurement.
-#[derive(Clone, Copy)]
+/// Half of the frames of a measurement.
+#[derive(Clone, Copy, PartialEq, Eq)]
 enum Half {
     /// By which the best way is chosen.
     Chosen,
@@ -27,9 +27,16 @@ enum Half {
     Measured,
 }
 
+impl Half {
+    /// That of a frame. In no period, since the ways take turns in one.
+    const fn of(frame: usize) -> Self {
+        if frame.count_ones().is_multiple_of(2) { Self::Chosen } else { Self::Measured }
+    }
+}
+
 fn median_of_half(times: &[u64], half: Half) -> u64 {
-    let first = usize::from(matches!(half, Half::Measured));
-    median(times.iter().skip(first).step_by(2).map(|ns| *ns as f64).collect()) as u64
+    let times = times.iter().enumerate().filter(|(frame, _)| Half::of(*frame) == half);
+    median(times.map(|(_, ns)| *ns as f64).collect()) as u64
 }
 
 /// Judges what was planned for a measured case.

@@ -1,6 +1,5 @@
 //! Cases, a scene of some size each, that are culled in several ways. The machine may be busy: ways that
-//! are compared take turns in each frame. One is chosen by every other frame and measured by the rest: the least of many
-//! noisy medians is less than any way takes.
+//! are compared take turns in each frame.
 
 use std::collections::BTreeMap;
 use std::hint::black_box;

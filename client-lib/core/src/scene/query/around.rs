@@ -72,7 +72,7 @@ impl Memory {
 }
 
 /// Finds the boxes that queries overlap, in cells that hold them all. Returns how many were tested; `None` where the cells
-/// do not part them, and nothing was found.
+/// do not part them: what `room` has counted then is of no use.
 pub(super) fn find(
     cells: &Cells,
     boxes: &[Aabb],

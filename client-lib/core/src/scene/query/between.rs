@@ -102,7 +102,8 @@ pub(super) fn between_unless(
             tested
         } else {
             let tree = BoxTree::unless(cancel, boxes, threads).ok_or(CullError::Cancelled)?;
-            crowded::find(&tree, boxes, queries, threads, room, found)?
+            let room = Room::new(most_pairs, queries.len(), boxes.len(), cancel);
+            crowded::find(&tree, boxes, queries, threads, &room, found)?
         }
     };
     let of_large = usize::from(asks_small);

@@ -87,7 +87,8 @@ impl Cast<'_> {
     }
 }
 
-/// A tree for casts that follows its boxes. It is built when that has come to cost less than looking at all boxes.
+/// A tree for casts, and for queries that cells do not part. It follows its boxes, and is built when that has come to cost
+/// less than looking at all of them.
 #[derive(Debug, Default)]
 pub struct CastTree {
     tree: Option<BoxTree>,
@@ -95,7 +96,7 @@ pub struct CastTree {
     changed: Vec<u32>,
     /// More than these have.
     is_all_changed: bool,
-    /// Boxes that have changed since the last cast.
+    /// Boxes that have changed since somebody asked.
     unused: usize,
     /// Shapes that were cast without a tree.
     cast: u64,
@@ -148,6 +149,11 @@ impl CastTree {
             }
         }
         self.tree(boxes, threads, cancel).map_or(Among::Boxes(boxes), Among::Tree)
+    }
+
+    /// Whether there is a tree of the boxes as they are.
+    pub(super) const fn is_right(&self) -> bool {
+        self.tree.is_some() && !self.is_all_changed && self.changed.is_empty()
     }
 
     /// The tree of boxes, as they are; `None` where nobody waits for it.

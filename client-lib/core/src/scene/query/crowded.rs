@@ -11,7 +11,7 @@ use crate::team::{appended, in_parts, part_count};
 /// Queries of a task, at least: some 50 µs.
 const TASK_QUERIES: usize = 32;
 
-/// Finds the boxes that queries overlap, by query and then by index. Returns how many boxes were looked at.
+/// Finds the boxes that queries overlap, by query and then by index. Returns how many boxes and groups were looked at.
 pub(super) fn find(
     tree: &BoxTree,
     boxes: &[Aabb],
@@ -64,8 +64,10 @@ pub(super) fn find(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::backoff::Backoff;
     use crate::cancel::Cancel;
-    use crate::scene::query::direct;
+    use crate::scene::query::{QueryFilterData, direct};
+    use crate::scene::{Edit, Report, Scene, SceneOptions, Sets, Step};
 
     /// Boxes of all kinds: crossing straps, at infinity, infinite, points, subnormal, none.
     fn boxes(count: u32, salt: u32) -> Vec<Aabb> {
@@ -110,6 +112,46 @@ mod tests {
                     find(&tree, &boxes, &queries, threads, &room(most - 1), &mut Vec::new());
                 assert!(refused.is_err(), "more pairs than there is room for");
             }
+        }
+    }
+
+    /// Two layers of straps that cross, which lie in cells as long as they are.
+    fn straps(count: u32) -> Vec<Aabb> {
+        let strap = |i: u32| {
+            let (at, layer) = ((i * 37 % 5_003) as f32, (i % 2) as f32);
+            let (min, long) = ([0.0, at, layer], [5_000.0, at + 0.2, layer + 0.4]);
+            let turned =
+                |[x, y, z]: [f32; 3]| if i.is_multiple_of(2) { [x, y, z] } else { [y, x, z] };
+            Aabb::new(turned(min), turned(long))
+        };
+        (0..count).map(strap).collect()
+    }
+
+    #[test]
+    fn pairs_that_were_counted_in_cells_count_once() {
+        let boxes = straps(20_000);
+        // Thin ones that stand: a few straps of each layer.
+        let stands = |i: u32| {
+            let [x, y] = [i * 23 % 4_999, i * 17 % 4_987].map(|x| x as f32);
+            Aabb::new([x, y, 0.0], [x + 1.1, y + 1.1, 2.0])
+        };
+        let queries: Vec<Aabb> = (0..400).map(stands).collect();
+        let (cancel, mut expected) = (Cancel::never(), Vec::new());
+        let room = Room::new(u64::MAX, queries.len(), boxes.len(), &cancel);
+        direct::find(&boxes, &queries, 1, &room, &mut expected).expect("room");
+        let pairs = expected.len() as u64;
+        for (most, is_found) in [(pairs, true), (pairs - 1, false)] {
+            let mut scene = Scene::new(SceneOptions::default().with_threads(1));
+            let all = [Step::Set(Sets { indices: (0..20_000).into(), boxes: &boxes })];
+            scene.edit(Edit { steps: &all }, Report::Nothing).expect("right");
+            scene.limit_query_pairs(most);
+            let mut found = Vec::new();
+            for turn in 0..3 {
+                let asked = scene.query(&queries, QueryFilterData::None, &mut found);
+                assert_eq!(asked.is_ok(), is_found, "{turn}");
+                assert!(!is_found || found == expected, "{turn}");
+            }
+            assert_ne!(scene.asked.crowded, Backoff::NONE, "cells part these");
         }
     }
 }

@@ -40,7 +40,7 @@ use crate::engine::{CullError, ReserveError};
 use crate::team;
 use crate::test_budget::TestBudget;
 
-/// Queries since the boxes last changed from which cells are built: to compare so many with a box takes as
+/// Queries since the boxes last changed from which cells or a tree are built: to compare so many with a box takes as
 /// long as to place it.
 const MANY_QUERIES: u64 = 64;
 /// Comparisons that never pay for cells: 16 µs.
@@ -215,27 +215,35 @@ impl Scene {
         self.threads = team::threads_for(queries.len() as f64 * QUERY_NS, self.options.threads);
         let _team = team::enter(self.threads);
         let is_crowded = self.asked.crowded.is_waiting();
-        if !is_crowded {
-            self.build_cells_for(queries.len() as u64);
+        let is_compared = self.is_soonest_compared(queries.len() as u64, is_crowded);
+        if !is_compared && !is_crowded {
+            self.build_cells();
         }
         self.asked.moved = 0;
         let (threads, boxes) = (self.threads, self.store.boxes());
-        let room = Room::new(self.asked.most_pairs, queries.len(), boxes.len(), &self.cancel);
+        let room = || Room::new(self.asked.most_pairs, queries.len(), boxes.len(), &self.cancel);
+        let (in_cells, in_tree) = (room(), room());
         let Asked { cells: of_now, memory, crowded, casts, .. } = &mut self.asked;
         let tested = match self.cells.as_ref().or(of_now.as_ref()) {
-            _ if is_crowded => None,
-            Some(cells) => around::find(cells, boxes, queries, threads, &room, memory, found)?,
-            None => Some(direct::find(boxes, queries, threads, &room, found)?),
+            _ if is_compared => Some(direct::find(boxes, queries, threads, &in_cells, found)?),
+            Some(cells) if !is_crowded => {
+                let tested =
+                    around::find(cells, boxes, queries, threads, &in_cells, memory, found)?;
+                if tested.is_some() {
+                    *crowded = Backoff::NONE;
+                } else {
+                    crowded.failed();
+                    *of_now = None;
+                }
+                tested
+            }
+            _ => None,
         };
         let tested = if let Some(tested) = tested {
             tested
         } else {
-            if !is_crowded {
-                crowded.failed();
-                *of_now = None;
-            }
             let tree = casts.tree(boxes, threads, &self.cancel).ok_or(CullError::Cancelled)?;
-            crowded::find(tree, boxes, queries, threads, &room, found)?
+            crowded::find(tree, boxes, queries, threads, &in_tree, found)?
         };
         filter_data.filter(self.filters(), |index| self.store.states.has(index, STILL), found);
         Ok(tested)
@@ -246,16 +254,25 @@ impl Scene {
         self.asked.most_pairs = most.min(u64::from(u32::MAX));
     }
 
-    /// Builds cells where that pays for so many queries. Those of edits where nothing has changed since the
-    /// last taken answer: then they are the cells of now.
-    fn build_cells_for(&mut self, queries: u64) {
-        if self.cells.is_some() || self.asked.cells.is_some() {
-            return;
+    /// Whether so many queries are soonest compared with each box: where there are neither cells nor, in their place, a
+    /// tree that is right, and no more queries since the boxes last changed than that pays for.
+    fn is_soonest_compared(&mut self, queries: u64, is_crowded: bool) -> bool {
+        let Asked { cells, casts, compared, .. } = &mut self.asked;
+        let is_ready =
+            if is_crowded { casts.is_right() } else { self.cells.is_some() || cells.is_some() };
+        let all = compared.saturating_add(queries);
+        let tests = all.saturating_mul(self.store.boxes().len() as u64);
+        let is_soonest = !is_ready && (all < MANY_QUERIES || tests <= FEW_TESTS);
+        if is_soonest {
+            *compared = all;
         }
-        let compared = self.asked.compared.saturating_add(queries);
-        let tests = compared.saturating_mul(self.store.boxes().len() as u64);
-        if compared < MANY_QUERIES || tests <= FEW_TESTS {
-            self.asked.compared = compared;
+        is_soonest
+    }
+
+    /// Builds cells where there are none. Those of edits where nothing has changed since the last taken answer: then they
+    /// are the cells of now.
+    fn build_cells(&mut self) {
+        if self.cells.is_some() || self.asked.cells.is_some() {
             return;
         }
         let (store, threads) = (&self.store, self.threads);
