@@ -22,7 +22,12 @@ impl Backoff {
         self.left = self.wait;
     }
 
-    /// Whether it is not to be tried yet; counts a turn.
+    /// Whether it is not to be tried yet.
+    pub const fn will_wait(&self) -> bool {
+        self.left > 0
+    }
+
+    /// The same; counts a turn.
     pub fn is_waiting(&mut self) -> bool {
         let is_waiting = self.left > 0;
         self.left = self.left.saturating_sub(1);

@@ -1,6 +1,6 @@
 //! `--max-memory`: clients that take all that they can are refused, and the others are served.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use pairmask::SceneOptions;
@@ -29,62 +29,73 @@ fn is_refused<T>(done: Result<T, Error>) -> bool {
     }
 }
 
-/// A scene that grows until it may not.
-fn grow_a_scene(session: &mut Session, goes_on: &dyn Fn() -> bool) -> u64 {
-    let (boxes, mut refusals) = (row(20_000, 0.7), 0);
-    while goes_on() {
-        let mut scene = session.scene(SceneOptions::default()).unwrap();
-        for part in 0.. {
-            let indices = 20_000 * part..20_000 * (part + 1);
-            let edit = scene.edit().set_all(indices, &boxes);
-            if !goes_on() || is_refused(edit.commit(Report::Changes)) {
-                break;
-            }
-        }
-        refusals += u64::from(goes_on());
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    refusals
+/// A client that takes ever more, until all of them are to end.
+struct Greedy<'a> {
+    session: Session,
+    is_over: &'a AtomicBool,
+    refusals: &'a AtomicU64,
 }
 
-/// Frames that double until they may not, with masks that are held.
-fn grow_frames(session: &mut Session, step: f32, goes_on: &dyn Fn() -> bool) -> u64 {
-    let mut refusals = 0;
-    while goes_on() {
-        let mut held = Vec::new();
-        for power in 10..23 {
-            let mask = session.ask(&row(1 << power, step)).wait();
-            let mask = mask.map(|mask| held.push(mask));
-            held.drain(..held.len().saturating_sub(2));
-            if !goes_on() || is_refused(mask) {
-                break;
-            }
-        }
-        refusals += u64::from(goes_on());
+impl Greedy<'_> {
+    fn goes_on(&self) -> bool {
+        !self.is_over.load(Ordering::Relaxed)
     }
-    refusals
-}
 
-/// Queries that find more and more pairs of a scene.
-fn grow_queries(session: &mut Session, goes_on: &dyn Fn() -> bool) -> u64 {
-    let boxes = row(20_000, 0.0);
-    let mut refusals = 0;
-    while goes_on() {
-        let mut scene = session.scene(SceneOptions::default()).unwrap();
-        let filled = scene.edit().set_all(0..2_000, &boxes[..2_000]).commit(Report::Nothing);
-        if is_refused(filled) {
-            refusals += 1;
+    /// Whether it is to take no more for now: it was refused, or is to end.
+    fn is_stopped<T>(&self, done: Result<T, Error>) -> bool {
+        let is_refused = is_refused(done);
+        self.refusals.fetch_add(u64::from(is_refused), Ordering::Relaxed);
+        is_refused || !self.goes_on()
+    }
+
+    /// A scene that grows until it may not.
+    fn grow_a_scene(&mut self) {
+        let boxes = row(20_000, 0.7);
+        while self.goes_on() {
+            let mut scene = self.session.scene(SceneOptions::default()).unwrap();
+            for part in 0.. {
+                let indices = 20_000 * part..20_000 * (part + 1);
+                let edit = scene.edit().set_all(indices, &boxes);
+                if self.is_stopped(edit.commit(Report::Changes)) {
+                    break;
+                }
+            }
             std::thread::sleep(Duration::from_millis(20));
-            continue;
         }
-        for queries in (500..20_000).step_by(500) {
-            if !goes_on() || is_refused(scene.query(&boxes[..queries])) {
-                break;
+    }
+
+    /// Frames that double until they may not, with masks that are held.
+    fn grow_frames(&mut self, step: f32) {
+        while self.goes_on() {
+            let mut held = Vec::new();
+            for power in 10..23 {
+                let mask = self.session.ask(&row(1 << power, step)).wait();
+                let mask = mask.map(|mask| held.push(mask));
+                held.drain(..held.len().saturating_sub(2));
+                if self.is_stopped(mask) {
+                    break;
+                }
             }
         }
-        refusals += u64::from(goes_on());
     }
-    refusals
+
+    /// Queries that find more and more pairs of a scene.
+    fn grow_queries(&mut self) {
+        let boxes = row(20_000, 0.0);
+        while self.goes_on() {
+            let mut scene = self.session.scene(SceneOptions::default()).unwrap();
+            let filled = scene.edit().set_all(0..2_000, &boxes[..2_000]).commit(Report::Nothing);
+            if self.is_stopped(filled) {
+                std::thread::sleep(Duration::from_millis(20));
+                continue;
+            }
+            for queries in (500..20_000).step_by(500) {
+                if self.is_stopped(scene.query(&boxes[..queries])) {
+                    break;
+                }
+            }
+        }
+    }
 }
 
 /// Has others end with the thread that goes on beside them, also where that panics.
@@ -106,28 +117,32 @@ fn own_bytes(process: Pid) -> u64 {
 
 #[test]
 fn ten_greedy_clients_are_held_to_the_memory_that_there_may_be() {
+    /// How long a slow host may take until each of them has been refused.
+    const LATEST: Duration = Duration::from_secs(60);
     let limit = 512 * MIB;
     let daemon = TestDaemon::start(&["--gpu", "none", "--max-memory", "512M"]);
     let is_over = AtomicBool::new(false);
-    let goes_on = || !is_over.load(Ordering::Relaxed);
+    let counts: [AtomicU64; 10] = std::array::from_fn(|_| AtomicU64::new(0));
+    let refusals = || counts.each_ref();
     let (mut most, mut frames) = (0, 0);
-    let refusals = std::thread::scope(|scope| {
+    std::thread::scope(|scope| {
         let until = Until(&is_over);
-        let start = |number: usize| {
-            let mut session = daemon.session().deadline(TIMEOUT).connect().unwrap();
-            let goes_on = &goes_on;
+        for (number, refusals) in refusals().into_iter().enumerate() {
+            let session = daemon.session().deadline(TIMEOUT).connect().unwrap();
+            let mut client = Greedy { session, is_over: &is_over, refusals };
             scope.spawn(move || match number % 4 {
-                0 => grow_a_scene(&mut session, goes_on),
-                1 => grow_frames(&mut session, 0.7, goes_on),
-                2 => grow_frames(&mut session, 0.0, goes_on),
-                _ => grow_queries(&mut session, goes_on),
-            })
-        };
-        let greedy: Vec<_> = (0..10).map(start).collect();
+                0 => client.grow_a_scene(),
+                1 => client.grow_frames(0.7),
+                2 => client.grow_frames(0.0),
+                _ => client.grow_queries(),
+            });
+        }
         let mut session = daemon.session().deadline(TIMEOUT).connect().unwrap();
-        let boxes = row(1_000, 0.7);
-        let end = Instant::now() + 2 * attack_time();
-        while Instant::now() < end {
+        let (boxes, begin) = (row(1_000, 0.7), Instant::now());
+        let is_refused = |count: &AtomicU64| count.load(Ordering::Relaxed) > 0;
+        while begin.elapsed() < 2 * attack_time()
+            || begin.elapsed() < LATEST && !refusals().into_iter().all(is_refused)
+        {
             // What is kept for it is enough.
             let mask = session.ask(&boxes).wait().unwrap();
             assert_eq!((mask.info().served_by, mask.count()), (ServedBy::Daemon, 999));
@@ -135,8 +150,8 @@ fn ten_greedy_clients_are_held_to_the_memory_that_there_may_be() {
             most = most.max(own_bytes(daemon.worker()) + daemon.shared_bytes());
         }
         drop(until);
-        greedy.into_iter().map(|client| client.join().unwrap()).collect::<Vec<u64>>()
     });
+    let refusals = refusals().map(|count| count.load(Ordering::Relaxed));
     println!("{frames} frames of a small client, {refusals:?} refusals, {} MiB", most / MIB);
     assert!(refusals.iter().all(|refused| *refused > 0), "{refusals:?}");
     assert!((limit / 4..limit).contains(&most), "{} of {} MiB", most / MIB, limit / MIB);

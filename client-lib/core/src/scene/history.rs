@@ -6,6 +6,8 @@
 //!
 //! A pair of two changed boxes is found from both, and reported from the one with the smaller index.
 
+pub(super) mod crowded;
+
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::cells::{
@@ -45,7 +47,21 @@ struct Bound<'a> {
     cancel: &'a Cancel,
 }
 
-impl Bound<'_> {
+impl<'a> Bound<'a> {
+    const fn new(tests: i64, most: u64, cancel: &'a Cancel) -> Self {
+        Self { tests: TestBudget::new(tests), found: AtomicU64::new(0), most, cancel }
+    }
+
+    /// Counts what a task has found, many changes together, from those on that are counted.
+    fn count(&self, found: &Difference, counted: &mut usize) {
+        let all = found.begun.len() + found.ended.len();
+        if all - *counted >= COUNTED_TOGETHER {
+            // Relaxed: a number that ends a search, and that nothing is read by.
+            self.found.fetch_add((all - *counted) as u64, Ordering::Relaxed);
+            *counted = all;
+        }
+    }
+
     fn is_spent(&self) -> bool {
         self.tests.is_spent()
             || self.found.load(Ordering::Relaxed) > self.most
@@ -142,12 +158,7 @@ impl Changes {
             task.boxes = border(part)..border(part + 1);
         }
         let (centres, order) = (centres.as_slice(), order.as_slice());
-        let bound = &Bound {
-            tests: TestBudget::new(most_tests(store, count)),
-            found: AtomicU64::new(0),
-            most,
-            cancel,
-        };
+        let bound = &Bound::new(most_tests(store, count), most, cancel);
         for_each_in_parts(tasks, parts, |task| task.run(centres, order, cells, store, bound));
         if bound.is_spent() {
             for task in tasks {
@@ -285,12 +296,7 @@ impl Search {
                     for ((centre, seen), candidate) in batch.found() {
                         centre.report_changes(*seen, candidate, store, found);
                     }
-                    let all = found.begun.len() + found.ended.len();
-                    if all - counted >= COUNTED_TOGETHER {
-                        // Relaxed: a number that ends a search, and that nothing is read by.
-                        bound.found.fetch_add((all - counted) as u64, Ordering::Relaxed);
-                        counted = all;
-                    }
+                    bound.count(found, &mut counted);
                 }
             }
             true
@@ -353,18 +359,23 @@ pub(super) fn pairs_of_named(
             }
             tested += around.finish(cells, store);
             for ((centre, _), Candidate { word, .. }) in around.found() {
-                let (index, other) = (centre.index, word & INDEX);
-                let is_reported =
-                    other == index || store.states.has(other, states::NAMED) && other < index;
-                let pair = pair(index, other);
-                let is_pair = || overlap(&centre.b.is, &store.now(other));
-                if !is_reported && is_pair() && store.states.filters.meet(pair) {
-                    pairs.push(pair);
-                }
+                add_pair_of_named(centre, word & INDEX, store, pairs);
             }
         }
         Some(tested)
     })
+}
+
+/// Adds the pair of now of a named box and another one, unless that one is named too and reports it.
+#[inline]
+fn add_pair_of_named(centre: &Centre, other: u32, store: &Store, pairs: &mut Vec<Pair>) {
+    let index = centre.index;
+    let is_reported = other == index || store.states.has(other, states::NAMED) && other < index;
+    let pair = pair(index, other);
+    let is_pair = || overlap(&centre.b.is, &store.now(other));
+    if !is_reported && is_pair() && store.states.filters.meet(pair) {
+        pairs.push(pair);
+    }
 }
 
 /// Adds numbers in the order of places, which stand before them: by counting, digit by digit.

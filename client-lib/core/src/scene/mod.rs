@@ -107,6 +107,8 @@ const CHANGED_NS: f64 = 400.0;
 /// Share of that which further threads do not shorten: boxes go from cell to cell on one. Passes over regions of cells
 /// side by side took longer on any number of threads up to 16.
 const CHANGED_SERIAL_SHARE: f64 = 0.2;
+/// A changed box that is looked around in a tree takes so long on one thread, ns.
+const CROWDED_NS: f64 = 4_000.0;
 /// A box of a scene that is culled as a whole: two to three times what a frame takes.
 const WHOLE_NS: f64 = 150.0;
 
@@ -149,8 +151,10 @@ pub struct Scene {
     cells: Option<Cells>,
     /// Whether the last edit was small too, and answered without cells.
     was_small: bool,
-    /// How long edits do without cells, which did not part the boxes.
+    /// How long edits do without cells, which did not part the boxes: with a tree instead.
     crowded: Backoff,
+    /// How long they do without that too.
+    without_tree: Backoff,
     changes: Changes,
     known: Known,
     /// All pairs of now, where there is a list of them.
@@ -199,6 +203,7 @@ impl Scene {
             cells: None,
             was_small: false,
             crowded: Backoff::NONE,
+            without_tree: Backoff::NONE,
             changes: Changes::default(),
             known: Known::Same,
             list_now: None,
@@ -424,24 +429,34 @@ impl Scene {
             return;
         }
         let is_first = !std::mem::replace(&mut self.was_small, true);
-        let is_alone = is_first && present > CELLS_AT_ONCE;
-        if self.cells.is_none() && (is_alone || self.crowded.is_waiting()) {
+        if self.cells.is_none() && is_first && present > CELLS_AT_ONCE {
+            return;
+        }
+        if self.cells.is_none() && self.crowded.is_waiting() {
+            if !self.without_tree.is_waiting() {
+                self.known = Known::Few;
+            }
             return;
         }
         self.known = Known::Few;
         let (threads, store) = (self.threads, &self.store);
-        if self.cells.is_none() {
-            // Those of the scene as it was when its history began.
-            let (boxes, statics) = store.then();
-            self.cells = Some(Cells::of(&boxes, |index| statics[index as usize], threads));
-            self.asked.drop_cells();
-            // Engines are asked seldom from now on.
-            self.whole.give_back();
-            (self.list_then, self.spare) = (None, Vec::new());
-        }
         if let Some(cells) = &mut self.cells {
             cells.update(store, [store.ended(), store.named()], threads);
+            return;
         }
+        // Those of the scene as it was when its history began, brought to what it is.
+        let (boxes, statics) = store.then();
+        let mut cells = Cells::of(&boxes, |index| statics[index as usize], threads);
+        cells.update(store, [store.changed(), &[]], threads);
+        self.cells = Some(cells);
+        self.asked.drop_cells();
+        self.drop_lists();
+    }
+
+    /// Gives back what only whole scenes need, which are asked for seldom from now on.
+    fn drop_lists(&mut self) {
+        self.whole.give_back();
+        (self.list_then, self.spare) = (None, Vec::new());
     }
 
     fn answer(&mut self, report: Report) -> Result<(), CullError> {
@@ -460,24 +475,57 @@ impl Scene {
         Ok(())
     }
 
-    /// Looks around the boxes that have changed. Where cells do not part the boxes, edits do without them for a while.
+    /// Looks around the boxes that have changed: in cells, in a tree for a while where these do not part the boxes, and
+    /// in the whole scene where that does not either.
     fn report_changes_around(&mut self) -> Result<(), CullError> {
-        let threads = self.threads;
-        let Some(cells) = &mut self.cells else { return Ok(()) };
-        let most = 2 * self.whole.most_pairs();
-        let found = self.changes.find(cells, &self.store, threads, (most, &self.cancel));
+        let found = match self.changes_in_cells()? {
+            None => self.changes_in_tree()?,
+            found => found,
+        };
+        let Some((found, tested)) = found else {
+            self.known = Known::Many;
+            return self.report_changes_of_whole();
+        };
+        self.tested += tested;
+        self.report(found, false)
+    }
+
+    /// What changed, and the boxes that were tested; `None` where there are no cells, or they do not part the boxes.
+    fn changes_in_cells(&mut self) -> Result<Option<(Difference, u64)>, CullError> {
+        let Some(cells) = &mut self.cells else { return Ok(None) };
+        let (store, threads) = (&self.store, self.threads);
+        let most = (2 * self.whole.most_pairs(), &self.cancel);
+        let found = self.changes.find(cells, store, threads, most);
         if self.cancel.is_cancelled() {
             return Err(CullError::Cancelled);
         }
-        let Some((found, tested)) = found else {
-            self.known = Known::Many;
+        if let Some((_, tested)) = found {
+            cells.note_searches(store.changed().len() as u64, tested);
+        } else {
             self.cells = None;
             self.crowded.failed();
-            return self.report_changes_of_whole();
-        };
-        cells.note_searches(self.store.changed().len() as u64, tested);
-        self.tested += tested;
-        self.report(found, false)
+        }
+        Ok(found)
+    }
+
+    /// The same by a tree.
+    fn changes_in_tree(&mut self) -> Result<Option<(Difference, u64)>, CullError> {
+        if self.without_tree.will_wait() {
+            return Ok(None);
+        }
+        let (store, threads) = (&self.store, self.threads);
+        let most = (2 * self.whole.most_pairs(), &self.cancel);
+        let tree = self.asked.tree(store, threads, &self.cancel);
+        let found = tree.and_then(|tree| history::crowded::find(tree, store, threads, most));
+        if self.cancel.is_cancelled() {
+            return Err(CullError::Cancelled);
+        }
+        match found {
+            None => self.without_tree.failed(),
+            Some(_) if self.list_then.is_some() => self.drop_lists(),
+            Some(_) => {}
+        }
+        Ok(found)
     }
 
     fn report_changes_of_whole(&mut self) -> Result<(), CullError> {
@@ -557,19 +605,27 @@ impl Scene {
     fn report_moved(&mut self) -> Result<(), CullError> {
         let is_few = self.store.named().len() * MANY_SHARE <= self.store.states.present();
         let mut pairs = Vec::new();
-        let searched = match &self.cells {
-            Some(cells) if is_few => {
-                let most = self.whole.most_pairs();
-                history::pairs_of_named(cells, &self.store, (most, &self.cancel), &mut pairs)
+        let most = (self.whole.most_pairs(), &self.cancel);
+        let store = &self.store;
+        let is_by_tree = self.crowded.will_wait() && !self.without_tree.will_wait();
+        let searched = match &mut self.cells {
+            _ if !is_few => None,
+            Some(cells) => {
+                let tested = history::pairs_of_named(cells, store, most, &mut pairs);
+                cells.note_searches(store.named().len() as u64, tested.unwrap_or(0));
+                tested
             }
-            _ => None,
+            None if is_by_tree => {
+                let tree = self.asked.tree(store, self.threads, &self.cancel);
+                let pairs = &mut pairs;
+                tree.and_then(|tree| history::crowded::pairs_of_named(tree, store, most, pairs))
+            }
+            None => None,
         };
         if self.cancel.is_cancelled() {
             return Err(CullError::Cancelled);
         }
-        if let (Some(cells), Some(tested)) = (&mut self.cells, searched) {
-            let store = &self.store;
-            cells.note_searches(store.named().len() as u64, tested);
+        if let Some(tested) = searched {
             self.tested += tested;
             let (box_count, threads) = (store.boxes().len(), self.threads);
             self.whole.sorter().sort(&mut pairs, box_count as u32, threads, &self.cancel);
@@ -610,9 +666,11 @@ impl Scene {
 fn edit_threads(scene: &Scene, edit: Edit<'_>, report: Report) -> usize {
     let asked = scene.options.threads;
     let (named, present) = (edit.boxes(), scene.store.states.present().max(edit.boxes()));
-    let is_few = scene.cells.is_some() && named * MANY_SHARE <= present && report != Report::All;
-    if is_few {
+    let is_few = named * MANY_SHARE <= present && report != Report::All;
+    if is_few && scene.cells.is_some() {
         team::threads_by_share(named as f64 * CHANGED_NS, CHANGED_SERIAL_SHARE, asked)
+    } else if is_few && scene.crowded.will_wait() && !scene.without_tree.will_wait() {
+        team::threads_for(named as f64 * CROWDED_NS, asked)
     } else {
         team::threads_for(present as f64 * WHOLE_NS, asked)
     }

@@ -41,8 +41,9 @@ const STRETCH: usize = 8_192;
 const TASK_MOVES: usize = 512;
 /// Moves made at a time, so that their misses of the caches overlap.
 const MOVES: usize = 16;
-/// Tests of a search that are as they should be.
+/// Tests of a search that are as they should be, in any case; else so many eighths of those that a layout began with.
 const FAIR_TESTS: u64 = 96;
+const FAIR_GROWTH: u64 = 12;
 /// Tests beyond these, for each box, after which the layout is chosen again: about what that takes.
 const UNFAIR_TESTS_A_BOX: u64 = 32;
 /// Moves, for each box, after which the layout is chosen again, since boxes may have spread.
@@ -68,6 +69,8 @@ pub(super) struct Cells {
     /// Tests of searches since then, and searches.
     tests: u64,
     searches: u64,
+    /// Tests of a search that are as they should be; 0 before the first one.
+    fair_tests: u64,
     /// Memory of the moves under way.
     moves: Vec<Move>,
 }
@@ -321,9 +324,8 @@ impl Cells {
         let cell = self.runs.cell_of(position);
         let level = self.levels.iter().rposition(|level| level.first_cell <= cell).unwrap_or(0);
         self.occupied[level] -= 1;
-        if let Some((word, from)) = self.runs.remove(position) {
-            note_position(&mut self.positions, &mut self.ghosts, word, from, position);
-        }
+        let Self { runs, positions, ghosts, .. } = self;
+        runs.remove(position, |word, from, to| note_position(positions, ghosts, word, from, to));
     }
 
     fn put(&mut self, slot: Slot, cell: u32, level: u32) {
@@ -355,7 +357,7 @@ impl Cells {
     /// Whether the layout is to be chosen again.
     fn is_stale(&self, store: &Store) -> bool {
         let boxes = store.states.present() as u64 + BOXES_LEAST;
-        let unfair = self.tests.saturating_sub(self.searches * FAIR_TESTS);
+        let unfair = self.tests.saturating_sub(self.searches * self.fair_tests);
         self.move_count > MOVES_A_BOX * boxes
             || unfair > UNFAIR_TESTS_A_BOX * boxes
             || self.runs.are_spread()
@@ -363,6 +365,9 @@ impl Cells {
 
     /// Counts searches and their tests, by which the layout is judged.
     pub fn note_searches(&mut self, searches: u64, tests: u64) {
+        if self.fair_tests == 0 && searches > 0 {
+            self.fair_tests = FAIR_TESTS.max(tests / searches * FAIR_GROWTH / 8);
+        }
         self.searches += searches;
         self.tests += tests;
     }

@@ -1,4 +1,4 @@
-//! Runs of blocks, one for each cell: filled from the front, and moved where they grow.
+//! Runs of blocks, one for each cell: filled from the front, and moved where they grow, or half of them is empty.
 
 use super::block::{Block, SLOTS, Slot};
 use crate::fetch::ask_for;
@@ -6,12 +6,11 @@ use crate::huge_pages;
 
 /// No place, and no cell.
 pub(super) const NOWHERE: u32 = u32::MAX;
-/// Runs up to this length go to other cells when theirs outgrow them; longer ones are left until the
-/// cells are built anew.
+/// Runs up to this length go to other cells when theirs leave them; longer ones are left until the cells are built anew.
 const REUSED_MOST: usize = 64;
 /// Blocks beyond those of the beginning, one for each so many, that may be used before the cells are to be
 /// built anew; and so many more.
-const SPARE_SHARE: usize = 4;
+const SPARE_SHARE: usize = 2;
 const SPARE_LEAST: usize = 1_024;
 
 /// The blocks of a cell.
@@ -120,18 +119,19 @@ impl Runs {
         &mut self.blocks[(position / SLOTS) as usize].0[(position % SLOTS) as usize]
     }
 
-    /// Takes the box at a place away. The last one of its cell comes in its place: returns that one's word
-    /// and where it was, unless it was the last one itself.
-    pub fn remove(&mut self, position: u32) -> Option<(u32, u32)> {
-        let run = &mut self.of_cells[self.owners[(position / SLOTS) as usize] as usize];
+    /// Takes the box at a place away. Calls `moved` with the word of each box that moves, where it was and where it is: the
+    /// last one of its cell, which comes in its place, and all of a cell that goes to a shorter run.
+    pub fn remove(&mut self, position: u32, mut moved: impl FnMut(u32, u32, u32)) {
+        let cell = self.cell_of(position);
+        let run = &mut self.of_cells[cell as usize];
         run.len -= 1;
         let last = run.start * SLOTS + run.len;
-        if last == position {
-            return None;
+        if last != position {
+            let slot = *self.slot_mut(last);
+            *self.slot_mut(position) = slot;
+            moved(slot.word(), last, position);
         }
-        let slot = *self.slot_mut(last);
-        *self.slot_mut(position) = slot;
-        Some((slot.word(), last))
+        self.shrink(cell, moved);
     }
 
     /// Puts a box into a cell that has room: returns its place.
@@ -147,20 +147,37 @@ impl Runs {
 
     /// Gives a full cell more room. Calls `moved` with the word of each of its boxes, where it was and
     /// where it is.
-    pub fn grow(&mut self, cell: u32, mut moved: impl FnMut(u32, u32, u32)) {
+    pub fn grow(&mut self, cell: u32, moved: impl FnMut(u32, u32, u32)) {
         let old = self.of_cells[cell as usize];
         let room = old.room + (old.room / 2).max(1);
-        let free = self.free.get_mut(room as usize).and_then(Vec::pop);
-        let start = free.unwrap_or_else(|| {
+        let start = self.take_free(room).unwrap_or_else(|| {
             let end = self.blocks.len();
             self.blocks.resize(end + room as usize, Block::NONE);
             self.owners.resize(end + room as usize, NOWHERE);
             end as u32
         });
+        self.move_run(cell, start, room, moved);
+    }
+
+    /// Takes room from a cell that needs no more than half of it, where a run of the right length is free: cells that grow
+    /// find longer ones.
+    fn shrink(&mut self, cell: u32, moved: impl FnMut(u32, u32, u32)) {
+        let old = self.of_cells[cell as usize];
+        let room = old.blocks();
+        if 2 * room <= old.room
+            && let Some(start) = self.take_free(room)
+        {
+            self.move_run(cell, start, room, moved);
+        }
+    }
+
+    /// Moves a cell to a free run.
+    fn move_run(&mut self, cell: u32, start: u32, room: u32, mut moved: impl FnMut(u32, u32, u32)) {
+        let old = self.of_cells[cell as usize];
         self.owners[start as usize..(start + room) as usize].fill(cell);
         self.of_cells[cell as usize] = Run { start, len: old.len, room };
         let from = old.start as usize;
-        self.blocks.copy_within(from..from + old.room as usize, start as usize);
+        self.blocks.copy_within(from..from + old.blocks() as usize, start as usize);
         for (from, to) in old.positions().zip(start * SLOTS..) {
             moved(self.slot_mut(to).word(), from, to);
         }
@@ -170,6 +187,11 @@ impl Runs {
             }
             self.free[old.room as usize].push(old.start);
         }
+    }
+
+    /// A run without a cell; one of no blocks there always is.
+    fn take_free(&mut self, room: u32) -> Option<u32> {
+        if room == 0 { Some(0) } else { self.free.get_mut(room as usize)?.pop() }
     }
 
     /// Whether growth has taken so much memory that the cells are to be built anew.

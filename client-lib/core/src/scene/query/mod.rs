@@ -33,9 +33,11 @@ use super::Scene;
 use super::cells::Cells;
 use super::pair_list::{PAIR_BYTES, Pair, starts_of};
 use super::states::STILL;
+use super::store::Store;
 use crate::aabb::Aabb;
 use crate::backoff::Backoff;
 use crate::cancel::Cancel;
+use crate::cast::BoxTree;
 use crate::engine::{CullError, ReserveError};
 use crate::team;
 use crate::test_budget::TestBudget;
@@ -162,6 +164,11 @@ impl Asked {
         self.cells.as_ref().map_or(0, Cells::allocated_bytes)
             + self.memory.allocated_bytes()
             + self.casts.allocated_bytes()
+    }
+
+    /// The tree of a scene's boxes as they are; `None` where nobody waits for it.
+    pub fn tree(&mut self, store: &Store, threads: usize, cancel: &Cancel) -> Option<&BoxTree> {
+        self.casts.tree(store.boxes(), threads, cancel)
     }
 
     /// Cells of edits serve queries too from now on.
