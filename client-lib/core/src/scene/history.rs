@@ -13,14 +13,13 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use super::cells::{
     BATCH, BATCHES, CHANGED, Candidate, Cells, INDEX, Looked, Probe, STATIC, in_stages, is_valid,
 };
-use super::change::{WasIs, change, overlap};
+use super::change::{WasIs, change};
 use super::pair_list::{Difference, Pair, pair, starts_of};
 use super::states;
 use super::store::{BoxState, Store};
 use crate::aabb::Aabb;
 use crate::cancel::{Cancel, Pace};
 use crate::fetch::ask_for;
-use crate::floats;
 use crate::team::{for_each_in_parts, part_count, zip_in_parts};
 use crate::test_budget::{TestBudget, TestLot};
 
@@ -194,13 +193,6 @@ impl Centre {
         Self { index: 0, b: WasIs::unchanged(none) }
     };
 
-    /// A box as it is, as though it had just come: all its pairs are of interest.
-    fn now(index: u32, store: &Store) -> Self {
-        let is = store.now(index);
-        let was = BoxState { b: Aabb::EMPTY, ..is };
-        Self { index, b: WasIs { was, ..WasIs::unchanged(is) } }
-    }
-
     /// Looks around it: once, where it has not gone far.
     fn probes(&self, mut add: impl FnMut(Seen, Probe)) {
         let (was, is) = (self.b.was.b, self.b.is.b);
@@ -333,48 +325,6 @@ impl Around {
     /// Each candidate and the box that it was found around.
     fn found(&self) -> impl Iterator<Item = (&(Centre, Seen), &Candidate)> {
         self.looked.candidates.iter().map(|this| (&self.centres[this.probe as usize], this))
-    }
-}
-
-/// Adds the pairs of now of some boxes, in no order, some of them twice. Of two boxes that the last edit
-/// named, the one with the smaller index reports. Returns how many boxes were tested; `None` where these would be more
-/// than [`most_tests`], the pairs more than so many, or nobody waits for them.
-pub(super) fn pairs_of_named(
-    cells: &Cells,
-    store: &Store,
-    (most_pairs, cancel): (u64, &Cancel),
-    pairs: &mut Vec<Pair>,
-) -> Option<u64> {
-    let mut around = Around::default();
-    let (mut tested, mut pace) = (0, Pace::default());
-    let most = most_tests(store, store.named().len()) as u64;
-    floats::with_default(|| {
-        for some in store.named().chunks(BATCH) {
-            around.begin(some.iter().map(|index| Centre::now(*index, store)), cells);
-            cells.go_on(&mut around.looked.searches);
-            let here = around.looked.searches.tested();
-            let is_over = tested + here > most || pairs.len() as u64 > most_pairs;
-            if is_over || cancel.look_after(here, &mut pace) {
-                return None;
-            }
-            tested += around.finish(cells, store);
-            for ((centre, _), Candidate { word, .. }) in around.found() {
-                add_pair_of_named(centre, word & INDEX, store, pairs);
-            }
-        }
-        Some(tested)
-    })
-}
-
-/// Adds the pair of now of a named box and another one, unless that one is named too and reports it.
-#[inline]
-fn add_pair_of_named(centre: &Centre, other: u32, store: &Store, pairs: &mut Vec<Pair>) {
-    let index = centre.index;
-    let is_reported = other == index || store.states.has(other, states::NAMED) && other < index;
-    let pair = pair(index, other);
-    let is_pair = || overlap(&centre.b.is, &store.now(other));
-    if !is_reported && is_pair() && store.states.filters.meet(pair) {
-        pairs.push(pair);
     }
 }
 

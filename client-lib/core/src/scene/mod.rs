@@ -27,9 +27,9 @@
 //!
 //! A change is what differs between then and now around the boxes whose state has changed (`store`), and one function
 //! says so (`change`), with the filters of then and now (`rules`). After few changes, boxes lie in cells (`cells`), and
-//! only what lies around changed boxes is looked at (`history`): no pairs are stored. Where more than one box in six has
-//! changed, one cull finds all pairs of now (`whole`), and those that the last one found are compared with them. Both give
-//! the same lists.
+//! only what lies around changed boxes is looked at (`history`): no pairs are stored. Where more have changed than that pays
+//! for, one box in six to thirteen, one cull finds all pairs of now (`whole`), and those that the last one found are compared
+//! with them. Both give the same lists.
 //!
 //! The two ways differ in what they keep. The second small edit after a large one builds the cells, which takes
 //! about as long as a whole frame to three; the first one is answered as the large one was. Cells are also built anew when their layout has become unfit:
@@ -81,7 +81,7 @@ use std::sync::Arc;
 
 use self::cells::Cells;
 use self::history::Changes;
-use self::pair_list::{Difference, Pair};
+use self::pair_list::{Difference, Pair, pair};
 use self::query::Asked;
 use self::states::{LOST, NAMED, STILL};
 use self::store::Store;
@@ -95,8 +95,11 @@ use crate::team;
 
 /// Boxes that may always change before a scene is searched as a whole.
 const FEW_BOXES: usize = 64;
-/// Changed boxes of this share of all take as long as the whole scene: one in so many.
-const MANY_SHARE: usize = 6;
+/// Changed boxes of this share of all take as long as the whole scene, one in so many: fewer where few boxes have pairs, each
+/// of so many worth another changed box, but no more in any case. Measured from 20,000 to a million boxes.
+const MANY_SHARE: u64 = 13;
+const MANY_SHARE_OF_PAIRS: u64 = 130;
+const MANY_SHARE_MOST: u64 = 6;
 /// Boxes up to which cells are built at the first small edit: some 100 µs. In a larger scene that edit may
 /// stand between large ones, which keep no cells: it is answered as they are, and the next one builds cells.
 const CELLS_AT_ONCE: usize = 4_096;
@@ -149,7 +152,7 @@ pub struct Scene {
     options: SceneOptions,
     store: Store,
     cells: Option<Cells>,
-    /// Whether the last edit was small too, and answered without cells.
+    /// Whether the last edit changed few boxes.
     was_small: bool,
     /// How long edits do without cells, which did not part the boxes: with a tree instead.
     crowded: Backoff,
@@ -409,6 +412,15 @@ impl Scene {
         self.options.most_boxes
     }
 
+    /// As many changed boxes take as long to be looked around as the whole scene does.
+    fn many(&self) -> usize {
+        let (present, pairs) = (self.len() as u64, self.count_then);
+        let many = present / MANY_SHARE + pairs / MANY_SHARE_OF_PAIRS;
+        // Where cells do not part the boxes, a cull of all takes long too.
+        let many = if self.crowded.will_wait() { u64::MAX } else { many };
+        (many.min(present / MANY_SHARE_MOST) as usize).max(FEW_BOXES)
+    }
+
     /// Notes what the last edit has changed.
     fn note_changes(&mut self) {
         let store = &self.store;
@@ -418,18 +430,19 @@ impl Scene {
         let now = self.list_now.take();
         self.recycle(now);
         self.note_for_queries();
-        let (changed, present) = (self.store.changed().len(), self.len());
+        let (changed, present, many) = (self.store.changed().len(), self.len(), self.many());
         if matches!(self.known, Known::Many | Known::Lost) {
             return;
         }
         self.known = Known::Many;
-        if changed > FEW_BOXES && changed * MANY_SHARE > present {
+        let was_small = std::mem::replace(&mut self.was_small, changed <= many);
+        // One large edit among small ones is no reason to build cells anew, which takes as long as several.
+        let is_alone = was_small && self.cells.is_some() && changed <= 2 * many;
+        if changed > many && !is_alone {
             self.cells = None;
-            self.was_small = false;
             return;
         }
-        let is_first = !std::mem::replace(&mut self.was_small, true);
-        if self.cells.is_none() && is_first && present > CELLS_AT_ONCE {
+        if self.cells.is_none() && !was_small && present > CELLS_AT_ONCE {
             return;
         }
         if self.cells.is_none() && self.crowded.is_waiting() {
@@ -601,40 +614,30 @@ impl Scene {
         Ok(now)
     }
 
-    /// Reports the pairs of the boxes that the edit named.
+    /// Reports the pairs of the boxes that the edit named: what queries by these find.
     fn report_moved(&mut self) -> Result<(), CullError> {
-        let is_few = self.store.named().len() * MANY_SHARE <= self.store.states.present();
         let mut pairs = Vec::new();
-        let most = (self.whole.most_pairs(), &self.cancel);
-        let store = &self.store;
-        let is_by_tree = self.crowded.will_wait() && !self.without_tree.will_wait();
-        let searched = match &mut self.cells {
-            _ if !is_few => None,
-            Some(cells) => {
-                let tested = history::pairs_of_named(cells, store, most, &mut pairs);
-                cells.note_searches(store.named().len() as u64, tested.unwrap_or(0));
-                tested
-            }
-            None if is_by_tree => {
-                let tree = self.asked.tree(store, self.threads, &self.cancel);
-                let pairs = &mut pairs;
-                tree.and_then(|tree| history::crowded::pairs_of_named(tree, store, most, pairs))
-            }
-            None => None,
-        };
-        if self.cancel.is_cancelled() {
-            return Err(CullError::Cancelled);
-        }
-        if let Some(tested) = searched {
-            self.tested += tested;
-            let (box_count, threads) = (store.boxes().len(), self.threads);
-            self.whole.sorter().sort(&mut pairs, box_count as u32, threads, &self.cancel);
-            pairs.dedup();
-        } else if !self.store.named().is_empty() {
+        let named = self.store.named().len();
+        if named > self.many() {
             let now = self.list_now()?;
-            pairs.clear();
             let is_named = |pair: &Pair| self.store.states.has_either(*pair, NAMED);
             pairs.extend(now.iter().copied().filter(is_named));
+        } else if named > 0 {
+            let (store, threads) = (&self.store, self.threads);
+            let of = |index: &u32| store.boxes()[*index as usize];
+            let queries: Vec<Aabb> = store.named().iter().map(of).collect();
+            // Each finds itself, and two named ones each other.
+            let most = 2 * self.whole.most_pairs() + named as u64;
+            self.tested += self.find_around(&queries, most, &mut pairs)?;
+            let Self { store, whole, cancel, .. } = self;
+            let states = &store.states;
+            pairs.retain_mut(|found| {
+                let (index, other) = (store.named()[found[0] as usize], found[1]);
+                let is_reported = other <= index && (other == index || states.has(other, NAMED));
+                *found = pair(index, other);
+                !is_reported && states.may_meet(*found)
+            });
+            whole.sorter().sort(&mut pairs, store.boxes().len() as u32, threads, cancel);
         }
         if self.cancel.is_cancelled() {
             return Err(CullError::Cancelled);
@@ -666,7 +669,7 @@ impl Scene {
 fn edit_threads(scene: &Scene, edit: Edit<'_>, report: Report) -> usize {
     let asked = scene.options.threads;
     let (named, present) = (edit.boxes(), scene.store.states.present().max(edit.boxes()));
-    let is_few = named * MANY_SHARE <= present && report != Report::All;
+    let is_few = named <= scene.many() && report != Report::All;
     if is_few && scene.cells.is_some() {
         team::threads_by_share(named as f64 * CHANGED_NS, CHANGED_SERIAL_SHARE, asked)
     } else if is_few && scene.crowded.will_wait() && !scene.without_tree.will_wait() {

@@ -5,14 +5,13 @@
 //! changed boxes is found there too if they overlap now, and among what they were if they overlapped. What is found twice
 //! is one change, as in cells.
 
-use super::{Bound, Centre, Seen, add_pair_of_named};
+use super::{Bound, Centre, Seen};
 use crate::aabb::{Aabb, is_valid};
 use crate::cancel::{Cancel, Pace};
 use crate::cast::{Ahead, BoxTree};
-use crate::floats;
 use crate::scene::cells::{CHANGED, Candidate, Probe, STATIC};
 use crate::scene::change::WasIs;
-use crate::scene::pair_list::{Difference, Pair};
+use crate::scene::pair_list::Difference;
 use crate::scene::states;
 use crate::scene::store::Store;
 use crate::team::{in_parts, part_count};
@@ -102,38 +101,6 @@ pub fn find(
     let found =
         in_parts(work.as_mut_slice(), parts, &run, &|(low, a), (high, b)| (low.with(high), a + b));
     (!bound.is_spent()).then_some(found)
-}
-
-/// Adds the pairs of now of the boxes that the last edit named, in no order, and returns what [`find`] does, bounded as
-/// that is.
-pub fn pairs_of_named(
-    tree: &BoxTree,
-    store: &Store,
-    (most_pairs, cancel): (u64, &Cancel),
-    pairs: &mut Vec<Pair>,
-) -> Option<u64> {
-    let most = LOOKS_A_BOX as u64 * store.boxes().len() as u64;
-    let (mut ahead, mut near) = (Ahead::default(), Vec::new());
-    let (mut looked_at, mut pace) = (0, Pace::default());
-    floats::with_default(|| {
-        for index in store.named() {
-            let centre = Centre::now(*index, store);
-            if !is_valid(&centre.b.is.b) {
-                continue;
-            }
-            near.clear();
-            let here = tree.add_overlapping(&centre.b.is.b, &mut ahead, &mut near);
-            looked_at += here;
-            let is_over = looked_at > most || pairs.len() as u64 > most_pairs;
-            if is_over || cancel.look_after(here, &mut pace) {
-                return None;
-            }
-            for other in near.iter().filter(|other| (**other as usize) < store.boxes().len()) {
-                add_pair_of_named(&centre, *other, store, pairs);
-            }
-        }
-        Some(looked_at)
-    })
 }
 
 #[cfg(test)]

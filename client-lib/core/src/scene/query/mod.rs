@@ -42,9 +42,10 @@ use crate::engine::{CullError, ReserveError};
 use crate::team;
 use crate::test_budget::TestBudget;
 
-/// Queries since the boxes last changed from which cells or a tree are built: to compare so many with a box takes as
-/// long as to place it.
-const MANY_QUERIES: u64 = 64;
+/// To compare so many queries with a box takes as long as to place it in cells or a tree.
+const PLACED_TESTS: u64 = 64;
+/// Boxes that move at once take as long as to place all anew: one in so many.
+const MANY_SHARE: usize = 6;
 /// Comparisons that never pay for cells: 16 µs.
 const FEW_TESTS: u64 = 16_384;
 /// A query takes so long on one thread, ns, with its sorting.
@@ -134,10 +135,9 @@ fn by_query<'a, I: Iterator<Item = &'a Pair>>(
 pub(super) struct Asked {
     /// Cells of now, where edits keep none.
     cells: Option<Cells>,
-    /// Queries since the boxes last changed that were compared with each box.
-    compared: u64,
-    /// Boxes that were moved in the cells since the last query.
-    moved: usize,
+    /// Comparisons of queries with boxes that cells saved, or would have, as far as boxes that moved have not cost as much,
+    /// and up to what it takes to place all.
+    saved: u64,
     most_pairs: u64,
     memory: around::Memory,
     /// How long queries do without cells, which did not part the boxes.
@@ -149,8 +149,7 @@ impl Default for Asked {
     fn default() -> Self {
         Self {
             cells: None,
-            compared: 0,
-            moved: 0,
+            saved: 0,
             most_pairs: u64::from(u32::MAX),
             memory: around::Memory::default(),
             crowded: Backoff::NONE,
@@ -221,14 +220,25 @@ impl Scene {
         }
         self.threads = team::threads_for(queries.len() as f64 * QUERY_NS, self.options.threads);
         let _team = team::enter(self.threads);
+        let tested = self.find_around(queries, self.asked.most_pairs, found)?;
+        filter_data.filter(self.filters(), |index| self.store.states.has(index, STILL), found);
+        Ok(tested)
+    }
+
+    /// The same of all boxes that queries overlap, whatever their filters: at most so many pairs.
+    pub(super) fn find_around(
+        &mut self,
+        queries: &[Aabb],
+        most_pairs: u64,
+        found: &mut Vec<Pair>,
+    ) -> Result<u64, CullError> {
         let is_crowded = self.asked.crowded.is_waiting();
-        let is_compared = self.is_soonest_compared(queries.len() as u64, is_crowded);
+        let is_compared = self.is_soonest_compared(queries.len(), is_crowded);
         if !is_compared && !is_crowded {
             self.build_cells();
         }
-        self.asked.moved = 0;
         let (threads, boxes) = (self.threads, self.store.boxes());
-        let room = || Room::new(self.asked.most_pairs, queries.len(), boxes.len(), &self.cancel);
+        let room = || Room::new(most_pairs, queries.len(), boxes.len(), &self.cancel);
         let (in_cells, in_tree) = (room(), room());
         let Asked { cells: of_now, memory, crowded, casts, .. } = &mut self.asked;
         let tested = match self.cells.as_ref().or(of_now.as_ref()) {
@@ -246,14 +256,11 @@ impl Scene {
             }
             _ => None,
         };
-        let tested = if let Some(tested) = tested {
-            tested
-        } else {
-            let tree = casts.tree(boxes, threads, &self.cancel).ok_or(CullError::Cancelled)?;
-            crowded::find(tree, boxes, queries, threads, &in_tree, found)?
-        };
-        filter_data.filter(self.filters(), |index| self.store.states.has(index, STILL), found);
-        Ok(tested)
+        if let Some(tested) = tested {
+            return Ok(tested);
+        }
+        let tree = casts.tree(boxes, threads, &self.cancel).ok_or(CullError::Cancelled)?;
+        crowded::find(tree, boxes, queries, threads, &in_tree, found)
     }
 
     /// Most pairs that later queries may find; 2^32 − 1 unless set.
@@ -262,18 +269,15 @@ impl Scene {
     }
 
     /// Whether so many queries are soonest compared with each box: where there are neither cells nor, in their place, a
-    /// tree that is right, and no more queries since the boxes last changed than that pays for.
-    fn is_soonest_compared(&mut self, queries: u64, is_crowded: bool) -> bool {
-        let Asked { cells, casts, compared, .. } = &mut self.asked;
+    /// tree that is right, and comparisons so far do not pay for them.
+    fn is_soonest_compared(&mut self, queries: usize, is_crowded: bool) -> bool {
+        let Asked { cells, casts, saved, .. } = &mut self.asked;
         let is_ready =
             if is_crowded { casts.is_right() } else { self.cells.is_some() || cells.is_some() };
-        let all = compared.saturating_add(queries);
-        let tests = all.saturating_mul(self.store.boxes().len() as u64);
-        let is_soonest = !is_ready && (all < MANY_QUERIES || tests <= FEW_TESTS);
-        if is_soonest {
-            *compared = all;
-        }
-        is_soonest
+        let boxes = self.store.boxes().len() as u64;
+        let enough = (PLACED_TESTS * boxes).max(FEW_TESTS);
+        *saved = (*saved + queries as u64 * boxes).min(enough);
+        !is_ready && *saved < enough
     }
 
     /// Builds cells where there are none. Those of edits where nothing has changed since the last taken answer: then they
@@ -293,17 +297,17 @@ impl Scene {
 
     /// Notes for queries that the last edit has changed boxes: before the cells of edits are.
     pub(super) fn note_for_queries(&mut self) {
-        self.asked.compared = 0;
         let (store, threads) = (&self.store, self.threads);
         let moved = [store.ended(), store.named()];
-        self.asked.casts.note(moved, store.boxes().len());
-        let Some(cells) = &mut self.asked.cells else { return };
+        let Asked { cells, casts, saved, .. } = &mut self.asked;
+        casts.note(moved, store.boxes().len());
         let count = moved[0].len() + moved[1].len();
-        self.asked.moved += count;
-        // Where most boxes move, or nobody asks any more, they are built anew when somebody does.
-        if self.asked.moved > store.states.present() / super::MANY_SHARE {
-            self.asked.cells = None;
-        } else {
+        *saved = saved.saturating_sub(PLACED_TESTS * count as u64);
+        // Where many boxes move, cells are sooner built anew when somebody asks; where nobody asks any more, they cost
+        // more than they save.
+        if *saved == 0 || count > store.states.present() / MANY_SHARE {
+            *cells = None;
+        } else if let Some(cells) = cells {
             cells.follow(store, moved, threads);
         }
     }
