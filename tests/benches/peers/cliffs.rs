@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use std::io::{Write as _, stdout};
 use std::time::{Duration, Instant};
 
-use pairmask_core::scene::Scene;
+use pairmask_core::scene::{QueryFilterData, Scene};
 use pairmask_tests::measure::percentile;
 use pairmask_tests::peers::contender::{Contender, Tally, sorted};
 use pairmask_tests::prelude::*;
@@ -22,6 +22,8 @@ const FRAMES: usize = 5;
 const ENOUGH: Duration = Duration::from_millis(1_500);
 /// Scenes that are kept, mutated and shown.
 const WORST: usize = 10;
+/// Boxes of a scene that it is asked for.
+const QUERIES: usize = 200;
 /// More pairs a box are no broad phase any more, and take any engine as long as they are many.
 const PAIRS_A_BOX: u64 = 100;
 
@@ -86,6 +88,8 @@ struct Measured {
     peer: f64,
     /// An edit of one box in a hundred, with its changes.
     edit: f64,
+    /// Queries by [`QUERIES`] of the boxes.
+    queries: f64,
 }
 
 impl Measured {
@@ -94,9 +98,11 @@ impl Measured {
     }
 
     fn print(&self, name: &str) {
-        let Self { engine, pairs, frame, peer, edit, .. } = self;
+        let Self { engine, pairs, frame, peer, edit, queries, .. } = self;
         let (ratio, engine) = (self.ratio(), engine.as_str());
-        println!("{name:24} {frame:9.2} {peer:9.2} {ratio:7.2} {edit:9.2} {pairs:10}  {engine}");
+        println!(
+            "{name:24} {frame:9.2} {peer:9.2} {ratio:7.2} {edit:9.2} {queries:11.2} {pairs:10}  {engine}"
+        );
         let _ = stdout().flush();
     }
 }
@@ -107,8 +113,8 @@ pub fn search(n: usize, threads: usize, seed: u64, seconds: u64) -> Result<(), S
     pool.install(|| {
         println!("{n} boxes, {threads} threads, ms\n");
         println!(
-            "{:24} {:>9} {:>9} {:>7} {:>9} {:>10}",
-            "scene", "ours", "parry3d", "ratio", "1 % edit", "pairs"
+            "{:24} {:>9} {:>9} {:>7} {:>9} {:>11} {:>10}",
+            "scene", "ours", "parry3d", "ratio", "1 % edit", "200 queries", "pairs"
         );
         let golden = golden().into_iter().map(|recipe| ("once among the worst", recipe));
         for (name, recipe) in known().into_iter().chain(golden) {
@@ -196,13 +202,15 @@ fn measure(
     }
     let [first, second] = peers.map(|(_, times)| percentile(&times, 0.5));
     let ms = |ns: u64| ns as f64 / 1e6;
+    let [edit, queries] = scene(&mut boxes, threads)?;
     Ok(Some(Measured {
         recipe: *recipe,
         engine,
         pairs: tally.count,
         frame: ms(percentile(&ours, 0.5)),
         peer: ms(first.min(second)),
-        edit: ms(edit(&mut boxes, threads)?),
+        edit: ms(edit),
+        queries: ms(queries),
     }))
 }
 
@@ -220,11 +228,12 @@ fn jitter(boxes: &mut [Aabb]) {
     }
 }
 
-/// The median of edits of a scene in process that set one box in a hundred, ns.
-fn edit(boxes: &mut [Aabb], threads: usize) -> Result<u64, String> {
+/// Medians of what a scene in process takes: an edit that sets one box in a hundred and reports the changes, and queries by
+/// some of its boxes after it, ns.
+fn scene(boxes: &mut [Aabb], threads: usize) -> Result<[u64; 2], String> {
     let mut scene = Scene::new(SceneOptions::default().with_threads(threads));
     let n = boxes.len() as u32;
-    let mut times = Vec::new();
+    let (mut edits, mut queries, mut found) = (Vec::new(), Vec::new(), Vec::new());
     for turn in 0..FRAMES as u32 + 2 {
         let moved: BTreeSet<u32> = (0..n).filter(|i| turn == 0 || i % 100 == turn).collect();
         jitter(boxes);
@@ -234,13 +243,20 @@ fn edit(boxes: &mut [Aabb], threads: usize) -> Result<u64, String> {
         let start = Instant::now();
         scene.edit(Edit { steps: &steps }, Report::Changes).map_err(|e| e.to_string())?;
         scene.acknowledge();
+        let edit = start.elapsed().as_nanos() as u64;
+        let some: Vec<Aabb> =
+            boxes.iter().step_by(boxes.len().div_ceil(QUERIES)).copied().collect();
+        let start = Instant::now();
+        scene.query(&some, QueryFilterData::None, &mut found).map_err(|e| e.to_string())?;
+        let query = start.elapsed().as_nanos() as u64;
         // The first sets all boxes, the second may build cells.
         if turn > 1 {
-            times.push(start.elapsed().as_nanos() as u64);
+            edits.push(edit);
+            queries.push(query);
         }
-        if is_enough(&times) {
+        if is_enough(&edits) {
             break;
         }
     }
-    Ok(percentile(&times, 0.5))
+    Ok([edits, queries].map(|times| percentile(&times, 0.5)))
 }

@@ -32,8 +32,8 @@ const SORTED_SHARE: usize = 128;
 
 /// Tests of a search, and for each box of the scene, that searches take at the most: a half to a whole of what a
 /// cull of all boxes takes. A search of boxes that cells part tests 30 to 100.
-const TESTS_A_SEARCH: i64 = 256;
-const TESTS_A_BOX: i64 = 64;
+const TESTS_A_SEARCH: i64 = 512;
+const TESTS_A_BOX: i64 = 16;
 
 /// Changes that a task finds before it tells the others.
 const COUNTED_TOGETHER: usize = 1_024;
@@ -283,7 +283,10 @@ impl Search {
                     bound.cancel.look_after(searches.tested(), &mut pace);
                     return !bound.is_spent();
                 }
-                2 => *tested += batch.finish(cells, store),
+                2 => {
+                    *tested += batch.finish(cells, store);
+                    lot.take(batch.looked.candidate_tests(), &bound.tests);
+                }
                 _ => {
                     for ((centre, seen), candidate) in batch.found() {
                         centre.report_changes(*seen, candidate, store, found);

@@ -27,14 +27,15 @@
 //!
 //! A change is what differs between then and now around the boxes whose state has changed (`store`), and one function
 //! says so (`change`), with the filters of then and now (`rules`). After few changes, boxes lie in cells (`cells`), and
-//! only what lies around changed boxes is looked at (`history`): no pairs are stored. Where more have changed than that pays
-//! for, one box in six to thirteen, one cull finds all pairs of now (`whole`), and those that the last one found are compared
-//! with them. Both give the same lists.
+//! only what lies around changed boxes is looked at (`history`): no pairs are stored. Where cells do not part the boxes,
+//! the tree of casts takes their place for a while. Where more boxes have changed than that pays for, one in six to
+//! thirteen, one cull finds all pairs of now (`whole`), and those that the last one found are compared with them. All give
+//! the same lists. Pairs of moved boxes are what queries by these find (`query`).
 //!
-//! The two ways differ in what they keep. The second small edit after a large one builds the cells, which takes
-//! about as long as a whole frame to three; the first one is answered as the large one was. Cells are also built anew when their layout has become unfit:
-//! after 16 moves a box, 32 needless tests a box, or where they have grown by a quarter. Where one box in a
-//! hundred moves, that is one frame in 1,600.
+//! The ways differ in what they keep. The second small edit after a large one builds the cells, which takes about as long
+//! as one to four whole frames; the first one is answered as the large one was, and a single large one among small ones
+//! leaves the cells as they are. Cells are also built anew when their layout has become unfit: after 16 moves a box, where
+//! searches test half as many boxes again as they began with, or where the blocks of cells have grown by a half.
 
 mod answer;
 mod cells;
@@ -110,6 +111,12 @@ const CHANGED_NS: f64 = 400.0;
 /// Share of that which further threads do not shorten: boxes go from cell to cell on one. Passes over regions of cells
 /// side by side took longer on any number of threads up to 16.
 const CHANGED_SERIAL_SHARE: f64 = 0.2;
+/// Boxes and groups of a tree that are looked at in the time that a cull of all takes for a box, beside its comparisons, of
+/// which there are so many where none was made yet.
+const LOOKS_A_BOX: u64 = 12;
+const UNKNOWN_TESTS_A_BOX: u64 = 32;
+/// Of what is known of the tree is forgotten each time that it is not used: one in so many.
+const FORGOTTEN_SHARE: u64 = 16;
 /// A changed box that is looked around in a tree takes so long on one thread, ns.
 const CROWDED_NS: f64 = 4_000.0;
 /// A box of a scene that is culled as a whole: two to three times what a frame takes.
@@ -156,8 +163,8 @@ pub struct Scene {
     was_small: bool,
     /// How long edits do without cells, which did not part the boxes: with a tree instead.
     crowded: Backoff,
-    /// How long they do without that too.
-    without_tree: Backoff,
+    /// Boxes and groups of the tree that are looked at around a changed box: as many as the last ones did.
+    looks: u64,
     changes: Changes,
     known: Known,
     /// All pairs of now, where there is a list of them.
@@ -206,7 +213,7 @@ impl Scene {
             cells: None,
             was_small: false,
             crowded: Backoff::NONE,
-            without_tree: Backoff::NONE,
+            looks: 0,
             changes: Changes::default(),
             known: Known::Same,
             list_now: None,
@@ -421,6 +428,18 @@ impl Scene {
         (many.min(present / MANY_SHARE_MOST) as usize).max(FEW_BOXES)
     }
 
+    /// Boxes and groups of a tree that are looked at in the time in which the whole scene is culled, and listed: with as many
+    /// comparisons as the last time.
+    fn most_looks(&self) -> u64 {
+        let boxes = self.len() as u64;
+        LOOKS_A_BOX * boxes + self.whole.tested().unwrap_or(UNKNOWN_TESTS_A_BOX * boxes)
+    }
+
+    /// Whether so many changed boxes are soonest looked around in a tree.
+    fn does_tree_pay(&self, changed: usize) -> bool {
+        changed as u64 * self.looks <= self.most_looks()
+    }
+
     /// Notes what the last edit has changed.
     fn note_changes(&mut self) {
         let store = &self.store;
@@ -446,8 +465,11 @@ impl Scene {
             return;
         }
         if self.cells.is_none() && self.crowded.is_waiting() {
-            if !self.without_tree.is_waiting() {
+            if self.does_tree_pay(changed) {
                 self.known = Known::Few;
+            } else {
+                // So that it is tried again.
+                self.looks -= self.looks / FORGOTTEN_SHARE;
             }
             return;
         }
@@ -523,20 +545,21 @@ impl Scene {
 
     /// The same by a tree.
     fn changes_in_tree(&mut self) -> Result<Option<(Difference, u64)>, CullError> {
-        if self.without_tree.will_wait() {
+        let (store, threads, changed) = (&self.store, self.threads, self.store.changed().len());
+        if !self.does_tree_pay(changed) {
             return Ok(None);
         }
-        let (store, threads) = (&self.store, self.threads);
+        let looks = self.most_looks();
         let most = (2 * self.whole.most_pairs(), &self.cancel);
         let tree = self.asked.tree(store, threads, &self.cancel);
-        let found = tree.and_then(|tree| history::crowded::find(tree, store, threads, most));
+        let found = tree.and_then(|tree| history::crowded::find(tree, store, threads, looks, most));
         if self.cancel.is_cancelled() {
             return Err(CullError::Cancelled);
         }
-        match found {
-            None => self.without_tree.failed(),
-            Some(_) if self.list_then.is_some() => self.drop_lists(),
-            Some(_) => {}
+        let looked_at = found.as_ref().map_or(2 * looks, |(_, looked_at)| *looked_at);
+        self.looks = looked_at / changed.max(1) as u64;
+        if found.is_some() && self.list_then.is_some() {
+            self.drop_lists();
         }
         Ok(found)
     }
@@ -672,7 +695,7 @@ fn edit_threads(scene: &Scene, edit: Edit<'_>, report: Report) -> usize {
     let is_few = named <= scene.many() && report != Report::All;
     if is_few && scene.cells.is_some() {
         team::threads_by_share(named as f64 * CHANGED_NS, CHANGED_SERIAL_SHARE, asked)
-    } else if is_few && scene.crowded.will_wait() && !scene.without_tree.will_wait() {
+    } else if is_few && scene.crowded.will_wait() && scene.does_tree_pay(named) {
         team::threads_for(named as f64 * CROWDED_NS, asked)
     } else {
         team::threads_for(present as f64 * WHOLE_NS, asked)

@@ -19,6 +19,7 @@ pub(super) struct Whole {
     most_pairs: u64,
     sorter: Sorter,
     last_pairs: Option<u64>,
+    tested: Option<u64>,
 }
 
 impl Whole {
@@ -30,6 +31,7 @@ impl Whole {
             most_pairs: MOST_PAIRS,
             sorter: Sorter::default(),
             last_pairs: None,
+            tested: None,
         }
     }
 
@@ -75,7 +77,9 @@ impl Whole {
         if cancel.is_cancelled() {
             return Err(CullError::Cancelled);
         }
-        Ok(n.pair_count().saturating_sub(answer.report.skipped.pairs))
+        let tested = n.pair_count().saturating_sub(answer.report.skipped.pairs);
+        self.tested = Some(tested);
+        Ok(tested)
     }
 
     /// The pairs of a scene when its history began, sorted. Returns how many pairs were compared.
@@ -92,6 +96,11 @@ impl Whole {
         let were_still = |[a, b]: Pair| statics[a as usize] && statics[b as usize];
         let were_pairs = |pair: Pair| !were_still(pair) && store.states.filters.met(pair);
         self.pairs(&then, &were_pairs, threads, sorted)
+    }
+
+    /// How many pairs were compared the last time.
+    pub const fn tested(&self) -> Option<u64> {
+        self.tested
     }
 
     /// Most pairs that lists may have.

@@ -7,6 +7,9 @@ pub(in crate::scene) const BATCH: usize = 16;
 /// Batches that are under way at a time.
 pub(in crate::scene) const BATCHES: usize = 4;
 
+/// Tests of boxes in cells that take as long as to compare a candidate that is not sure, exactly.
+const CANDIDATE_TESTS: i64 = 16;
+
 /// The searches of a batch, and what they found.
 #[derive(Debug, Default)]
 pub(in crate::scene) struct Looked {
@@ -25,6 +28,12 @@ impl Looked {
         candidates.retain(|candidate| ((candidate.word & INDEX) as usize) < end);
         candidates.iter().filter(|this| !this.is_sure).for_each(|this| ask_for(this.word));
         tested
+    }
+
+    /// What comparing the candidates takes, in tests.
+    pub fn candidate_tests(&self) -> i64 {
+        let unsure = self.candidates.iter().filter(|candidate| !candidate.is_sure);
+        CANDIDATE_TESTS * unsure.count() as i64
     }
 }
 

@@ -17,8 +17,6 @@ use crate::scene::store::Store;
 use crate::team::{in_parts, part_count};
 use crate::test_budget::TestLot;
 
-/// Boxes and groups that searches look at for each box of the scene, at the most: in about the time of a cull of all.
-const LOOKS_A_BOX: i64 = 256;
 /// Changed boxes of a task, at least: some 100 µs.
 const TASK_BOXES: usize = 32;
 
@@ -66,19 +64,19 @@ impl Search {
 }
 
 /// What differs from then to now, in no order, some of it twice; and how many boxes and groups were looked at. `None`
-/// where that is more than so many for each box of the scene, what differs more than so many pairs, or nobody waits for
-/// them.
+/// where these are more than `looks`, what differs more than so many pairs, or nobody waits for them.
 pub fn find(
     tree: &BoxTree,
     store: &Store,
     threads: usize,
+    looks: u64,
     (most, cancel): (u64, &Cancel),
 ) -> Option<(Difference, u64)> {
     let changed = store.changed();
     let was = |index: &u32| store.before(*index).map_or(Aabb::EMPTY, |was| was.b);
     let were: Vec<Aabb> = changed.iter().map(was).collect();
     let were = BoxTree::unless(cancel, &were, threads)?;
-    let bound = Bound::new(LOOKS_A_BOX * store.boxes().len() as i64, most, cancel);
+    let bound = Bound::new(looks as i64, most, cancel);
     let parts = part_count(changed.len(), TASK_BOXES, threads);
     let step = changed.len().div_ceil(parts).max(1);
     let mut work: Vec<&[u32]> = changed.chunks(step).collect();

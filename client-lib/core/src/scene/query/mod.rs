@@ -53,8 +53,8 @@ const QUERY_NS: f64 = 500.0;
 /// Tests of a query, and for each box of the scene, that searches in cells take at the most, and more for each pair
 /// that they find: beyond, a tree takes less. A query among boxes that cells part tests 30 to
 /// 100.
-const TESTS_A_QUERY: i64 = 256;
-const TESTS_A_BOX: i64 = 64;
+const TESTS_A_QUERY: i64 = 512;
+const TESTS_A_BOX: i64 = 16;
 const TESTS_A_PAIR: i64 = 16;
 
 /// Why a query ends that finds more pairs than may be.
