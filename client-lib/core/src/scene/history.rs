@@ -33,7 +33,7 @@ const SORTED_SHARE: usize = 128;
 /// Tests of a search, and for each box of the scene, that searches take at the most: a half to a whole of what a
 /// cull of all boxes takes. A search of boxes that cells part tests 30 to 100.
 const TESTS_A_SEARCH: i64 = 512;
-const TESTS_A_BOX: i64 = 16;
+const TESTS_A_BOX: i64 = 8;
 
 /// Changes that a task finds before it tells the others.
 const COUNTED_TOGETHER: usize = 1_024;

@@ -147,7 +147,6 @@ impl Task {
             }
             2 => {
                 *tested += if batch.is_large() { 0 } else { batch.finish(cells, boxes) };
-                lot.take(batch.looked.candidate_tests(), &room.tests);
                 true
             }
             _ if batch.is_large() => batch.find_one_by_one(cells, boxes, room, tested, found),
@@ -253,7 +252,7 @@ impl Batch {
                 found.truncate(kept);
             }
         }
-        room.take(found.len() - before)
+        room.take(found.len() - before, self.looked.candidate_tests())
     }
 }
 

@@ -44,7 +44,7 @@ pub(super) fn find(
                 };
                 pairs.extend(indices.iter().filter(|index| overlaps(index)).map(|i| [number, *i]));
                 sort_row(&mut pairs[start..]);
-                let is_within = room.take(pairs.len() - start);
+                let is_within = room.take(pairs.len() - start, 0);
                 if !is_within || room.cancel.look_after(here, &mut pace) {
                     return (pairs, looked_at);
                 }

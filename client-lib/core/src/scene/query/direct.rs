@@ -68,7 +68,7 @@ pub(super) fn find(
                 }
                 let before = pairs.len();
                 add_pairs(&blocks, index, &KeyBox::from(b), &mut pairs);
-                if pairs.len() > before && !room.take(pairs.len() - before) {
+                if pairs.len() > before && !room.take(pairs.len() - before, 0) {
                     return pairs;
                 }
             }

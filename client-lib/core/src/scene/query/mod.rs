@@ -54,7 +54,7 @@ const QUERY_NS: f64 = 500.0;
 /// that they find: beyond, a tree takes less. A query among boxes that cells part tests 30 to
 /// 100.
 const TESTS_A_QUERY: i64 = 512;
-const TESTS_A_BOX: i64 = 16;
+const TESTS_A_BOX: i64 = 32;
 const TESTS_A_PAIR: i64 = 16;
 
 /// Why a query ends that finds more pairs than may be.
@@ -80,9 +80,9 @@ impl<'a> Room<'a> {
         Self { found: AtomicU64::new(0), most, tests: TestBudget::new(tests), cancel }
     }
 
-    /// Counts pairs that are kept. Whether all are still within the limit.
-    fn take(&self, pairs: usize) -> bool {
-        self.tests.take(-TESTS_A_PAIR * pairs as i64);
+    /// Counts pairs that are kept, and tests that finding them took. Whether all pairs are still within the limit.
+    fn take(&self, pairs: usize, tests: i64) -> bool {
+        self.tests.take(tests - TESTS_A_PAIR * pairs as i64);
         // Relaxed: a number that stops a search, and that nothing is read by.
         let before = self.found.fetch_add(pairs as u64, Ordering::Relaxed);
         before + pairs as u64 <= self.most
