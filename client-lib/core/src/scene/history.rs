@@ -30,8 +30,8 @@ const TASK_BOXES: usize = 256;
 const SORTED_BOXES: usize = 512;
 const SORTED_SHARE: usize = 128;
 
-/// Tests of a search, and for each box of the scene, that searches take at the most: a half to a whole of what a
-/// cull of all boxes takes. A search of boxes that cells part tests 30 to 100.
+/// Tests of a search, and for each box of the scene, that searches take at the most: a third of what a cull of all boxes
+/// takes. A search of boxes that cells part tests 30 to 100.
 const TESTS_A_SEARCH: i64 = 512;
 const TESTS_A_BOX: i64 = 8;
 

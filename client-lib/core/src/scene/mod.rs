@@ -28,7 +28,7 @@
 //! A change is what differs between then and now around the boxes whose state has changed (`store`), and one function
 //! says so (`change`), with the filters of then and now (`rules`). After few changes, boxes lie in cells (`cells`), and
 //! only what lies around changed boxes is looked at (`history`): no pairs are stored. Where cells do not part the boxes,
-//! the tree of casts takes their place for a while. Where more boxes have changed than that pays for, one in six to
+//! the tree of casts takes their place for a while. Where more boxes have changed than that pays for, one in three to
 //! thirteen, one cull finds all pairs of now (`whole`), and those that the last one found are compared with them. All give
 //! the same lists. Pairs of moved boxes are what queries by these find (`query`).
 //!
@@ -85,7 +85,7 @@ use self::history::Changes;
 use self::pair_list::{Difference, Pair, pair};
 use self::query::Asked;
 use self::states::{LOST, NAMED, STILL};
-use self::store::Store;
+use self::store::{BoxState, Store};
 use self::whole::Whole;
 use crate::aabb::Aabb;
 use crate::backoff::Backoff;
@@ -96,11 +96,18 @@ use crate::team;
 
 /// Boxes that may always change before a scene is searched as a whole.
 const FEW_BOXES: usize = 64;
-/// Changed boxes of this share of all take as long as the whole scene, one in so many: fewer where few boxes have pairs, each
-/// of so many worth another changed box, but no more in any case. Measured from 20,000 to a million boxes.
-const MANY_SHARE: u64 = 13;
-const MANY_SHARE_OF_PAIRS: u64 = 130;
-const MANY_SHARE_MOST: u64 = 6;
+/// A changed box is looked around in the time in which so many boxes of a whole scene are culled: one that is about where it
+/// was, and one that has gone farther, which is looked around at two places. And so many pairs of the whole scene take as
+/// long as one of its boxes. On one and two threads, 20,000 to a million boxes.
+const NEAR_WORTH: u64 = 6;
+const FAR_WORTH: u64 = 13;
+const PAIRS_A_BOX: u64 = 10;
+/// Changed boxes that are looked around at the most: one in so many.
+const MANY_SHARE_MOST: u64 = 3;
+/// Changed boxes by which it is judged how many have gone far.
+const JUDGED: usize = 64;
+/// A box is about where it was if it has not moved by more of an edge than this.
+const NEAR_SHARE: f32 = 0.1;
 /// Boxes up to which cells are built at the first small edit: some 100 µs. In a larger scene that edit may
 /// stand between large ones, which keep no cells: it is answered as they are, and the next one builds cells.
 const CELLS_AT_ONCE: usize = 4_096;
@@ -422,10 +429,26 @@ impl Scene {
     /// As many changed boxes take as long to be looked around as the whole scene does.
     fn many(&self) -> usize {
         let (present, pairs) = (self.len() as u64, self.count_then);
-        let many = present / MANY_SHARE + pairs / MANY_SHARE_OF_PAIRS;
         // Where cells do not part the boxes, a cull of all takes long too.
-        let many = if self.crowded.will_wait() { u64::MAX } else { many };
+        let [far, judged] = if self.crowded.will_wait() { [0, 1] } else { self.far() };
+        let worth = NEAR_WORTH * judged + (FAR_WORTH - NEAR_WORTH) * far;
+        let many = (present + pairs / PAIRS_A_BOX) * judged / worth;
         (many.min(present / MANY_SHARE_MOST) as usize).max(FEW_BOXES)
+    }
+
+    /// How many boxes have gone far since the history began, of some that have changed.
+    fn far(&self) -> [u64; 2] {
+        let changed = self.store.changed();
+        let judged = changed.iter().step_by(changed.len().div_ceil(JUDGED).max(1));
+        let is_near = |index: &u32| {
+            let (was, is) = (self.store.before(*index), self.store.now(*index));
+            was.is_some_and(|BoxState { b: was, .. }| {
+                let moved = |axis: usize| (is.b.min[axis] - was.min[axis]).abs();
+                (0..3).all(|axis| moved(axis) <= NEAR_SHARE * (was.max[axis] - was.min[axis]))
+            })
+        };
+        let count = judged.len() as u64;
+        [count - judged.filter(|index| is_near(index)).count() as u64, count.max(1)]
     }
 
     /// Boxes and groups of a tree that are looked at in the time in which the whole scene is culled, and listed: with as many
