@@ -96,12 +96,18 @@ use crate::team;
 
 /// Boxes that may always change before a scene is searched as a whole.
 const FEW_BOXES: usize = 64;
-/// A changed box is looked around in the time in which so many boxes of a whole scene are culled: one that is about where it
-/// was, and one that has gone farther, which is looked around at two places. And so many pairs of the whole scene take as
-/// long as one of its boxes. On one and two threads, 20,000 to a million boxes.
-const NEAR_WORTH: u64 = 6;
-const FAR_WORTH: u64 = 13;
-const PAIRS_A_BOX: u64 = 10;
+/// What a box that changed takes beside the tests of its search, in tests of boxes in cells: where it is about where it was,
+/// and more where it has gone farther, and is looked around at two places.
+const NEAR_TESTS: u64 = 210;
+const FAR_TESTS: u64 = 280;
+/// Tests of a search among boxes that cells part.
+const USUAL_TESTS: u64 = 28;
+/// What a box of a whole scene takes that is culled, in such tests, on one or two threads, and a pair of it; and a share of
+/// the comparisons of the last such cull, of which there are so many a box where none was made yet.
+const WHOLE_TESTS: u64 = 18;
+const PAIR_TESTS: u64 = 4;
+const COMPARED_PERCENT: u64 = 70;
+const UNKNOWN_TESTS: u64 = 32;
 /// Changed boxes that are looked around at the most: one in so many.
 const MANY_SHARE_MOST: u64 = 3;
 /// Changed boxes by which it is judged how many have gone far.
@@ -118,11 +124,9 @@ const CHANGED_NS: f64 = 400.0;
 /// Share of that which further threads do not shorten: boxes go from cell to cell on one. Passes over regions of cells
 /// side by side took longer on any number of threads up to 16.
 const CHANGED_SERIAL_SHARE: f64 = 0.2;
-/// Boxes and groups of a tree that are looked at in the time that a cull of all takes for a box, beside its comparisons, of
-/// which there are so many where none was made yet.
+/// Boxes and groups of a tree that are looked at in the time that a cull of all takes for a box, beside its comparisons.
 const LOOKS_A_BOX: u64 = 12;
-const UNKNOWN_TESTS_A_BOX: u64 = 32;
-/// Of what is known of the tree is forgotten each time that it is not used: one in so many.
+/// Of what is known of searches is forgotten each time that there are none: one in so many.
 const FORGOTTEN_SHARE: u64 = 16;
 /// A changed box that is looked around in a tree takes so long on one thread, ns.
 const CROWDED_NS: f64 = 4_000.0;
@@ -170,7 +174,8 @@ pub struct Scene {
     was_small: bool,
     /// How long edits do without cells, which did not part the boxes: with a tree instead.
     crowded: Backoff,
-    /// Boxes and groups of the tree that are looked at around a changed box: as many as the last ones did.
+    /// Tests of a search in cells, and boxes and groups that one in a tree looks at: as the last ones did.
+    searched: u64,
     looks: u64,
     changes: Changes,
     known: Known,
@@ -220,6 +225,7 @@ impl Scene {
             cells: None,
             was_small: false,
             crowded: Backoff::NONE,
+            searched: USUAL_TESTS,
             looks: 0,
             changes: Changes::default(),
             known: Known::Same,
@@ -431,8 +437,11 @@ impl Scene {
         let (present, pairs) = (self.len() as u64, self.count_then);
         // Where cells do not part the boxes, a cull of all takes long too.
         let [far, judged] = if self.crowded.will_wait() { [0, 1] } else { self.far() };
-        let worth = NEAR_WORTH * judged + (FAR_WORTH - NEAR_WORTH) * far;
-        let many = (present + pairs / PAIRS_A_BOX) * judged / worth;
+        let tests = if self.crowded.will_wait() { USUAL_TESTS } else { self.searched };
+        let of_judged = (NEAR_TESTS + tests) * judged + FAR_TESTS * far;
+        let compared = COMPARED_PERCENT * self.compared() / 100;
+        let whole = WHOLE_TESTS * present + PAIR_TESTS * pairs + compared;
+        let many = whole.saturating_mul(judged) / of_judged;
         (many.min(present / MANY_SHARE_MOST) as usize).max(FEW_BOXES)
     }
 
@@ -454,8 +463,12 @@ impl Scene {
     /// Boxes and groups of a tree that are looked at in the time in which the whole scene is culled, and listed: with as many
     /// comparisons as the last time.
     fn most_looks(&self) -> u64 {
-        let boxes = self.len() as u64;
-        LOOKS_A_BOX * boxes + self.whole.tested().unwrap_or(UNKNOWN_TESTS_A_BOX * boxes)
+        LOOKS_A_BOX * self.len() as u64 + self.compared()
+    }
+
+    /// How many pairs a cull of the whole scene compares, as the last one did.
+    fn compared(&self) -> u64 {
+        self.whole.tested().unwrap_or(UNKNOWN_TESTS * self.len() as u64)
     }
 
     /// Whether so many changed boxes are soonest looked around in a tree.
@@ -482,6 +495,8 @@ impl Scene {
         let is_alone = was_small && self.cells.is_some() && changed <= 2 * many;
         if changed > many && !is_alone {
             self.cells = None;
+            // So that cells are tried again.
+            self.searched -= self.searched / FORGOTTEN_SHARE;
             return;
         }
         if self.cells.is_none() && !was_small && present > CELLS_AT_ONCE {
@@ -558,7 +573,9 @@ impl Scene {
             return Err(CullError::Cancelled);
         }
         if let Some((_, tested)) = found {
-            cells.note_searches(store.changed().len() as u64, tested);
+            let searches = store.changed().len() as u64;
+            cells.note_searches(searches, tested);
+            self.searched = tested / searches.max(1);
         } else {
             self.cells = None;
             self.crowded.failed();
