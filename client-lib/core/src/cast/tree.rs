@@ -14,8 +14,12 @@ use crate::team::{self, for_each_in_parts, part_count};
 const TASK_LEAVES: usize = 256;
 /// A leaf is loose when the edges of its bounds are so many times as long as when the tree was built.
 const LOOSE: f32 = 2.0;
-/// The tree is built anew when more than one leaf in so many is loose.
+/// The tree is built anew when more than one leaf in so many is loose, or searches have looked at so many boxes of loose
+/// leaves for each box: about as long as to build it takes.
 const LOOSE_SHARE: usize = 4;
+const LOOSE_LOOKS: u64 = 64;
+/// The index of a lane without a box.
+const NOBODY: u32 = u32::MAX;
 /// Edges are not taken for longer than this, so that their sum is finite.
 const LONGEST: f32 = 1e37;
 
@@ -27,9 +31,13 @@ pub struct BoxTree {
     levels: Vec<Vec<Node>>,
     /// Place of each index: leaf times 16 and lane.
     places: Vec<u32>,
+    /// The first place that was never given to an index.
+    next: usize,
     /// Sum of the edges of each leaf's bounds when it was built; below 0 for one that is loose.
     built: Vec<f32>,
     loose: usize,
+    /// Boxes of loose leaves that searches have looked at, about.
+    loose_looks: u64,
     /// Largest finite coordinate that was ever there, as a magnitude.
     reach: f32,
     /// Groups whose bounds are to be found anew.
@@ -95,6 +103,7 @@ impl BoxTree {
         });
         self.places.clear();
         self.places.resize(entries.len(), 0);
+        self.next = entries.len();
         for (place, entry) in (0..).zip(entries) {
             self.places[entry.index as usize] = place;
         }
@@ -104,7 +113,7 @@ impl BoxTree {
             groups = groups.div_ceil(FAN_OUT);
             self.levels.push(vec![Node::NOTHING; groups]);
         }
-        self.loose = 0;
+        (self.loose, self.loose_looks) = (0, 0);
         self.built.clear();
         floats::with_default(|| {
             self.built.extend(self.leaves.iter().map(|leaf| edges(&leaf.boxes.bounds())));
@@ -138,7 +147,8 @@ impl BoxTree {
     pub fn update(&mut self, boxes: &[Aabb], changed: Option<&[u32]>, threads: usize) {
         let _team = team::enter(threads);
         while self.places.len() < boxes.len() {
-            self.append();
+            let place = self.append(self.places.len() as u32);
+            self.places.push(place);
         }
         match changed {
             Some(changed) if changed.len() <= boxes.len() / FAN_OUT => floats::with_default(|| {
@@ -149,46 +159,73 @@ impl BoxTree {
             }),
             _ => self.put_all(boxes, threads),
         }
-        if self.loose * LOOSE_SHARE > self.leaves.len() {
+        let is_costly = self.loose_looks > LOOSE_LOOKS * boxes.len() as u64;
+        if is_costly || self.loose * LOOSE_SHARE > self.leaves.len() {
             self.build(boxes, threads, &Cancel::never());
         }
     }
 
-    /// Adds a place for the next index.
-    fn append(&mut self) {
-        let place = self.places.len();
+    /// Notes that so many searches are to follow.
+    pub(crate) const fn note_searches(&mut self, count: usize) {
+        self.loose_looks += (count * FAN_OUT * self.loose) as u64;
+    }
+
+    /// Adds a place for an index.
+    fn append(&mut self, index: u32) -> u32 {
+        let place = self.next;
+        self.next += 1;
         if place == FAN_OUT * self.leaves.len() {
             self.leaves.push(Leaf::NOTHING);
             self.built.push(-1.0);
             self.loose += 1;
             self.grow();
         }
-        self.leaves[place / FAN_OUT].indices[place % FAN_OUT] = place as u32;
-        self.places.push(place as u32);
+        self.leaves[place / FAN_OUT].indices[place % FAN_OUT] = index;
+        place as u32
     }
 
     fn put(&mut self, boxes: &[Aabb], index: u32) {
         let Some(place) = self.places.get(index as usize) else { return };
-        let place = *place as usize;
+        let mut place = *place as usize;
         let b = boxes.get(index as usize).map_or(NOTHING, hittable);
-        self.leaves[place / FAN_OUT].boxes.set(place % FAN_OUT, &b);
-        self.touched.push((place / FAN_OUT) as u32);
+        if self.would_loosen(place / FAN_OUT, &b) {
+            // It leaves the others, so that those that went far are together in a few leaves.
+            self.set(place, &NOTHING);
+            self.leaves[place / FAN_OUT].indices[place % FAN_OUT] = NOBODY;
+            let new = self.append(index);
+            self.places[index as usize] = new;
+            place = new as usize;
+        }
+        self.set(place, &b);
         self.reach = self.reach.max(reach_of(&b));
     }
 
+    fn set(&mut self, place: usize, b: &Aabb) {
+        self.leaves[place / FAN_OUT].boxes.set(place % FAN_OUT, b);
+        self.touched.push((place / FAN_OUT) as u32);
+    }
+
+    /// Whether a leaf that is not loose would be with a box.
+    fn would_loosen(&self, leaf: usize, b: &Aabb) -> bool {
+        let built = self.built[leaf];
+        let Aabb { min, max } = self.leaves[leaf].boxes.bounds();
+        let with = Aabb {
+            min: std::array::from_fn(|axis| min[axis].min(b.min[axis])),
+            max: std::array::from_fn(|axis| max[axis].max(b.max[axis])),
+        };
+        built >= 0.0 && edges(&with) > LOOSE * built
+    }
+
     fn put_all(&mut self, boxes: &[Aabb], threads: usize) {
-        let places = self.places.len();
         let parts = part_count(self.leaves.len(), TASK_LEAVES, threads);
         let step = self.leaves.len().div_ceil(parts).max(1);
-        let mut work: Vec<_> =
-            (0..).step_by(step * FAN_OUT).zip(self.leaves.chunks_mut(step)).collect();
-        for_each_in_parts(&mut work, parts, |(first, leaves)| {
-            let used = places - *first;
-            for (at, leaf) in leaves.iter_mut().enumerate() {
-                let used = used.saturating_sub(at * FAN_OUT).min(FAN_OUT);
-                for lane in 0..used {
-                    let b = boxes.get(leaf.indices[lane] as usize);
-                    leaf.boxes.set(lane, &b.map_or(NOTHING, hittable));
+        let mut work: Vec<&mut [Leaf]> = self.leaves.chunks_mut(step).collect();
+        for_each_in_parts(&mut work, parts, |leaves| {
+            for Leaf { boxes: of_leaf, indices } in leaves.iter_mut() {
+                for (lane, index) in indices.iter().enumerate() {
+                    // None of a lane without a box.
+                    let b = boxes.get(*index as usize);
+                    of_leaf.set(lane, &b.map_or(NOTHING, hittable));
                 }
             }
         });

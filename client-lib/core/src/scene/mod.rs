@@ -58,6 +58,7 @@ mod snapshots;
 pub mod states;
 mod store;
 mod whole;
+mod worth;
 
 pub use self::answer::{EndReason, Ended, Report, Reported, SceneSkips, is_resync_due};
 pub use self::copy::{SceneCopy, WholeScene};
@@ -85,8 +86,9 @@ use self::history::Changes;
 use self::pair_list::{Difference, Pair, pair};
 use self::query::Asked;
 use self::states::{LOST, NAMED, STILL};
-use self::store::{BoxState, Store};
+use self::store::Store;
 use self::whole::Whole;
+use self::worth::{Changed, Worth, is_near};
 use crate::aabb::Aabb;
 use crate::backoff::Backoff;
 use crate::cancel::{Cancel, Wanted};
@@ -94,26 +96,8 @@ use crate::dispatch::CpuEngines;
 use crate::engine::CullError;
 use crate::team;
 
-/// Boxes that may always change before a scene is searched as a whole.
-const FEW_BOXES: usize = 64;
-/// What a box that changed takes beside the tests of its search, in tests of boxes in cells: where it is about where it was,
-/// and more where it has gone farther, and is looked around at two places.
-const NEAR_TESTS: u64 = 210;
-const FAR_TESTS: u64 = 280;
-/// Tests of a search among boxes that cells part.
-const USUAL_TESTS: u64 = 28;
-/// What a box of a whole scene takes that is culled, in such tests, on one or two threads, and a pair of it; and a share of
-/// the comparisons of the last such cull, of which there are so many a box where none was made yet.
-const WHOLE_TESTS: u64 = 18;
-const PAIR_TESTS: u64 = 4;
-const COMPARED_PERCENT: u64 = 70;
-const UNKNOWN_TESTS: u64 = 32;
-/// Changed boxes that are looked around at the most: one in so many.
-const MANY_SHARE_MOST: u64 = 3;
 /// Changed boxes by which it is judged how many have gone far.
 const JUDGED: usize = 64;
-/// A box is about where it was if it has not moved by more of an edge than this.
-const NEAR_SHARE: f32 = 0.1;
 /// Boxes up to which cells are built at the first small edit: some 100 µs. In a larger scene that edit may
 /// stand between large ones, which keep no cells: it is answered as they are, and the next one builds cells.
 const CELLS_AT_ONCE: usize = 4_096;
@@ -124,10 +108,6 @@ const CHANGED_NS: f64 = 400.0;
 /// Share of that which further threads do not shorten: boxes go from cell to cell on one. Passes over regions of cells
 /// side by side took longer on any number of threads up to 16.
 const CHANGED_SERIAL_SHARE: f64 = 0.2;
-/// Boxes and groups of a tree that are looked at in the time that a cull of all takes for a box, beside its comparisons.
-const LOOKS_A_BOX: u64 = 12;
-/// Of what is known of searches is forgotten each time that there are none: one in so many.
-const FORGOTTEN_SHARE: u64 = 16;
 /// A changed box that is looked around in a tree takes so long on one thread, ns.
 const CROWDED_NS: f64 = 4_000.0;
 /// A box of a scene that is culled as a whole: two to three times what a frame takes.
@@ -174,9 +154,8 @@ pub struct Scene {
     was_small: bool,
     /// How long edits do without cells, which did not part the boxes: with a tree instead.
     crowded: Backoff,
-    /// Tests of a search in cells, and boxes and groups that one in a tree looks at: as the last ones did.
-    searched: u64,
-    looks: u64,
+    /// What looking around changed boxes took.
+    worth: Worth,
     changes: Changes,
     known: Known,
     /// All pairs of now, where there is a list of them.
@@ -225,8 +204,7 @@ impl Scene {
             cells: None,
             was_small: false,
             crowded: Backoff::NONE,
-            searched: USUAL_TESTS,
-            looks: 0,
+            worth: Worth::UNKNOWN,
             changes: Changes::default(),
             known: Known::Same,
             list_now: None,
@@ -432,48 +410,27 @@ impl Scene {
         self.options.most_boxes
     }
 
-    /// As many changed boxes take as long to be looked around as the whole scene does.
-    fn many(&self) -> usize {
-        let (present, pairs) = (self.len() as u64, self.count_then);
-        // Where cells do not part the boxes, a cull of all takes long too.
-        let [far, judged] = if self.crowded.will_wait() { [0, 1] } else { self.far() };
-        let tests = if self.crowded.will_wait() { USUAL_TESTS } else { self.searched };
-        let of_judged = (NEAR_TESTS + tests) * judged + FAR_TESTS * far;
-        let compared = COMPARED_PERCENT * self.compared() / 100;
-        let whole = WHOLE_TESTS * present + PAIR_TESTS * pairs + compared;
-        let many = whole.saturating_mul(judged) / of_judged;
-        (many.min(present / MANY_SHARE_MOST) as usize).max(FEW_BOXES)
-    }
-
-    /// How many boxes have gone far since the history began, of some that have changed.
-    fn far(&self) -> [u64; 2] {
+    /// The scene since its history began.
+    fn changed(&self) -> Changed {
         let changed = self.store.changed();
         let judged = changed.iter().step_by(changed.len().div_ceil(JUDGED).max(1));
-        let is_near = |index: &u32| {
-            let (was, is) = (self.store.before(*index), self.store.now(*index));
-            was.is_some_and(|BoxState { b: was, .. }| {
-                let moved = |axis: usize| (is.b.min[axis] - was.min[axis]).abs();
-                (0..3).all(|axis| moved(axis) <= NEAR_SHARE * (was.max[axis] - was.min[axis]))
-            })
+        let is_near = |index: &&u32| {
+            let was = self.store.before(**index);
+            was.is_some_and(|was| is_near(&was.b, &self.store.boxes()[**index as usize]))
         };
-        let count = judged.len() as u64;
-        [count - judged.filter(|index| is_near(index)).count() as u64, count.max(1)]
+        let of = judged.len() as u64;
+        Changed {
+            boxes: self.len() as u64,
+            pairs: self.count_then,
+            compared: self.whole.compared(),
+            far: of - judged.filter(is_near).count() as u64,
+            of,
+        }
     }
 
-    /// Boxes and groups of a tree that are looked at in the time in which the whole scene is culled, and listed: with as many
-    /// comparisons as the last time.
-    fn most_looks(&self) -> u64 {
-        LOOKS_A_BOX * self.len() as u64 + self.compared()
-    }
-
-    /// How many pairs a cull of the whole scene compares, as the last one did.
-    fn compared(&self) -> u64 {
-        self.whole.tested().unwrap_or(UNKNOWN_TESTS * self.len() as u64)
-    }
-
-    /// Whether so many changed boxes are soonest looked around in a tree.
-    fn does_tree_pay(&self, changed: usize) -> bool {
-        changed as u64 * self.looks <= self.most_looks()
+    /// As many changed boxes take as long to be looked around as the whole scene does.
+    fn many(&self) -> usize {
+        self.worth.many(self.changed(), self.crowded.will_wait())
     }
 
     /// Notes what the last edit has changed.
@@ -495,19 +452,17 @@ impl Scene {
         let is_alone = was_small && self.cells.is_some() && changed <= 2 * many;
         if changed > many && !is_alone {
             self.cells = None;
-            // So that cells are tried again.
-            self.searched -= self.searched / FORGOTTEN_SHARE;
+            self.worth.forget_tests();
             return;
         }
         if self.cells.is_none() && !was_small && present > CELLS_AT_ONCE {
             return;
         }
         if self.cells.is_none() && self.crowded.is_waiting() {
-            if self.does_tree_pay(changed) {
+            if self.worth.does_tree_pay(changed, self.changed()) {
                 self.known = Known::Few;
             } else {
-                // So that it is tried again.
-                self.looks -= self.looks / FORGOTTEN_SHARE;
+                self.worth.forget_looks();
             }
             return;
         }
@@ -573,9 +528,9 @@ impl Scene {
             return Err(CullError::Cancelled);
         }
         if let Some((_, tested)) = found {
-            let searches = store.changed().len() as u64;
-            cells.note_searches(searches, tested);
-            self.searched = tested / searches.max(1);
+            let searches = store.changed().len();
+            cells.note_searches(searches as u64, tested);
+            self.worth.note_tests(searches, tested);
         } else {
             self.cells = None;
             self.crowded.failed();
@@ -585,19 +540,20 @@ impl Scene {
 
     /// The same by a tree.
     fn changes_in_tree(&mut self) -> Result<Option<(Difference, u64)>, CullError> {
-        let (store, threads, changed) = (&self.store, self.threads, self.store.changed().len());
-        if !self.does_tree_pay(changed) {
+        let (searches, changed) = (self.store.changed().len(), self.changed());
+        if !self.worth.does_tree_pay(searches, changed) {
             return Ok(None);
         }
-        let looks = self.most_looks();
+        let (store, threads, looks) = (&self.store, self.threads, changed.most_looks());
         let most = (2 * self.whole.most_pairs(), &self.cancel);
         let tree = self.asked.tree(store, threads, &self.cancel);
         let found = tree.and_then(|tree| history::crowded::find(tree, store, threads, looks, most));
         if self.cancel.is_cancelled() {
             return Err(CullError::Cancelled);
         }
+        // Where it did not, it would have looked at more.
         let looked_at = found.as_ref().map_or(2 * looks, |(_, looked_at)| *looked_at);
-        self.looks = looked_at / changed.max(1) as u64;
+        self.worth.note_looks(searches, looked_at);
         if found.is_some() && self.list_then.is_some() {
             self.drop_lists();
         }
@@ -681,7 +637,7 @@ impl Scene {
     fn report_moved(&mut self) -> Result<(), CullError> {
         let mut pairs = Vec::new();
         let named = self.store.named().len();
-        if named > self.many() {
+        if named > self.many().min(self.len() / query::MANY_SHARE) {
             let now = self.list_now()?;
             let is_named = |pair: &Pair| self.store.states.has_either(*pair, NAMED);
             pairs.extend(now.iter().copied().filter(is_named));
@@ -735,7 +691,10 @@ fn edit_threads(scene: &Scene, edit: Edit<'_>, report: Report) -> usize {
     let is_few = named <= scene.many() && report != Report::All;
     if is_few && scene.cells.is_some() {
         team::threads_by_share(named as f64 * CHANGED_NS, CHANGED_SERIAL_SHARE, asked)
-    } else if is_few && scene.crowded.will_wait() && scene.does_tree_pay(named) {
+    } else if is_few
+        && scene.crowded.will_wait()
+        && scene.worth.does_tree_pay(named, scene.changed())
+    {
         team::threads_for(named as f64 * CROWDED_NS, asked)
     } else {
         team::threads_for(present as f64 * WHOLE_NS, asked)

@@ -19,7 +19,7 @@ pub(super) struct Whole {
     most_pairs: u64,
     sorter: Sorter,
     last_pairs: Option<u64>,
-    tested: Option<u64>,
+    compared: Option<u64>,
 }
 
 impl Whole {
@@ -31,7 +31,7 @@ impl Whole {
             most_pairs: MOST_PAIRS,
             sorter: Sorter::default(),
             last_pairs: None,
-            tested: None,
+            compared: None,
         }
     }
 
@@ -77,9 +77,9 @@ impl Whole {
         if cancel.is_cancelled() {
             return Err(CullError::Cancelled);
         }
-        let tested = n.pair_count().saturating_sub(answer.report.skipped.pairs);
-        self.tested = Some(tested);
-        Ok(tested)
+        let compared = n.pair_count().saturating_sub(answer.report.skipped.pairs);
+        self.compared = Some(compared);
+        Ok(compared)
     }
 
     /// The pairs of a scene when its history began, sorted. Returns how many pairs were compared.
@@ -99,8 +99,8 @@ impl Whole {
     }
 
     /// How many pairs were compared the last time.
-    pub const fn tested(&self) -> Option<u64> {
-        self.tested
+    pub const fn compared(&self) -> Option<u64> {
+        self.compared
     }
 
     /// Most pairs that lists may have.

@@ -148,7 +148,7 @@ impl CastTree {
                 return Among::Boxes(boxes);
             }
         }
-        self.tree(boxes, threads, cancel).map_or(Among::Boxes(boxes), Among::Tree)
+        self.tree(boxes, shapes, threads, cancel).map_or(Among::Boxes(boxes), Among::Tree)
     }
 
     /// Whether there is a tree of the boxes as they are.
@@ -156,10 +156,11 @@ impl CastTree {
         self.tree.is_some() && !self.is_all_changed && self.changed.is_empty()
     }
 
-    /// The tree of boxes, as they are; `None` where nobody waits for it.
+    /// The tree of boxes, as they are, for so many searches; `None` where nobody waits for it.
     pub(super) fn tree(
         &mut self,
         boxes: &[Aabb],
+        searches: usize,
         threads: usize,
         cancel: &Cancel,
     ) -> Option<&BoxTree> {
@@ -175,6 +176,7 @@ impl CastTree {
             tree.update(boxes, changed, threads);
             self.changed.clear();
         }
+        tree.note_searches(searches);
         Some(tree)
     }
 }

@@ -45,7 +45,7 @@ use crate::test_budget::TestBudget;
 /// To compare so many queries with a box takes as long as to place it in cells or a tree.
 const PLACED_TESTS: u64 = 64;
 /// Boxes that move at once take as long as to place all anew: one in so many.
-const MANY_SHARE: usize = 6;
+pub(super) const MANY_SHARE: usize = 6;
 /// Comparisons that never pay for cells: 16 µs.
 const FEW_TESTS: u64 = 16_384;
 /// A query takes so long on one thread, ns, with its sorting.
@@ -165,9 +165,9 @@ impl Asked {
             + self.casts.allocated_bytes()
     }
 
-    /// The tree of a scene's boxes as they are; `None` where nobody waits for it.
+    /// The tree of a scene's boxes as they are, for searches around the changed ones; `None` where nobody waits for it.
     pub fn tree(&mut self, store: &Store, threads: usize, cancel: &Cancel) -> Option<&BoxTree> {
-        self.casts.tree(store.boxes(), threads, cancel)
+        self.casts.tree(store.boxes(), store.changed().len(), threads, cancel)
     }
 
     /// Cells of edits serve queries too from now on.
@@ -259,7 +259,8 @@ impl Scene {
         if let Some(tested) = tested {
             return Ok(tested);
         }
-        let tree = casts.tree(boxes, threads, &self.cancel).ok_or(CullError::Cancelled)?;
+        let tree =
+            casts.tree(boxes, queries.len(), threads, &self.cancel).ok_or(CullError::Cancelled)?;
         crowded::find(tree, boxes, queries, threads, &in_tree, found)
     }
 
