@@ -23,7 +23,7 @@ impl Backoff {
     }
 
     /// Whether it is not to be tried yet.
-    pub const fn will_wait(&self) -> bool {
+    pub const fn will_wait(self) -> bool {
         self.left > 0
     }
 

@@ -12,15 +12,15 @@ use crate::team::{self, for_each_in_parts, part_count};
 
 /// Leaves that a task fills at least.
 const TASK_LEAVES: usize = 256;
-/// A leaf is loose when the edges of its bounds are so many times as long as when the tree was built.
-const LOOSE: f32 = 2.0;
-/// The tree is built anew when more than one leaf in so many is loose, or searches have looked at so many boxes of loose
-/// leaves for each box: about as long as to build it takes.
+/// A leaf is loose when its bounds are so many times as large as when the tree was built.
+const LOOSE: f64 = 4.0;
+/// The tree is built anew when more than one leaf in so many is loose, or searches would have looked at so many boxes of loose
+/// leaves for each box, were they to meet all of these: about as long as to build it takes.
 const LOOSE_SHARE: usize = 4;
 const LOOSE_LOOKS: u64 = 64;
 /// The index of a lane without a box.
 const NOBODY: u32 = u32::MAX;
-/// Edges are not taken for longer than this, so that their sum is finite.
+/// Edges are not taken for longer than this.
 const LONGEST: f32 = 1e37;
 
 /// Boxes in a tree, for casts.
@@ -33,10 +33,10 @@ pub struct BoxTree {
     places: Vec<u32>,
     /// The first place that was never given to an index.
     next: usize,
-    /// Sum of the edges of each leaf's bounds when it was built; below 0 for one that is loose.
-    built: Vec<f32>,
+    /// Size of each leaf's bounds when it was built; below 0 for one that is loose.
+    built: Vec<f64>,
     loose: usize,
-    /// Boxes of loose leaves that searches have looked at, about.
+    /// Boxes of loose leaves that searches would have looked at.
     loose_looks: u64,
     /// Largest finite coordinate that was ever there, as a magnitude.
     reach: f32,
@@ -44,8 +44,12 @@ pub struct BoxTree {
     touched: Vec<u32>,
 }
 
-fn edges(b: &Aabb) -> f32 {
-    (0..3).map(|axis| (b.max[axis] - b.min[axis]).clamp(0.0, LONGEST)).sum()
+/// Half the surface of bounds, by which boxes meet them; with a little for those that are flat, or a line.
+fn size(b: &Aabb) -> f64 {
+    const LITTLE: f64 = 1.0 / 65_536.0;
+    let [x, y, z] =
+        [0, 1, 2].map(|axis| f64::from((b.max[axis] - b.min[axis]).clamp(0.0, LONGEST)));
+    x * y + y * z + z * x + LITTLE * (x + y + z) * (x + y + z)
 }
 
 fn reach_of(b: &Aabb) -> f32 {
@@ -116,7 +120,7 @@ impl BoxTree {
         (self.loose, self.loose_looks) = (0, 0);
         self.built.clear();
         floats::with_default(|| {
-            self.built.extend(self.leaves.iter().map(|leaf| edges(&leaf.boxes.bounds())));
+            self.built.extend(self.leaves.iter().map(|leaf| size(&leaf.boxes.bounds())));
             self.bound_all();
             self.reach = reach_of(&self.bounds());
         });
@@ -139,7 +143,7 @@ impl BoxTree {
         self.leaves.capacity() * size_of::<Leaf>()
             + nodes * size_of::<Node>()
             + (self.places.capacity() + self.touched.capacity()) * size_of::<u32>()
-            + self.built.capacity() * size_of::<f32>()
+            + self.built.capacity() * size_of::<f64>()
     }
 
     /// Brings boxes to where they are now: those of some indices, or all. An index that is not among the boxes has none
@@ -213,7 +217,7 @@ impl BoxTree {
             min: std::array::from_fn(|axis| min[axis].min(b.min[axis])),
             max: std::array::from_fn(|axis| max[axis].max(b.max[axis])),
         };
-        built >= 0.0 && edges(&with) > LOOSE * built
+        built >= 0.0 && size(&with) > LOOSE * built
     }
 
     fn put_all(&mut self, boxes: &[Aabb], threads: usize) {
@@ -276,7 +280,7 @@ impl BoxTree {
 
     fn note_edges(&mut self, leaf: usize) {
         let built = self.built[leaf];
-        if built >= 0.0 && edges(&self.leaves[leaf].boxes.bounds()) > LOOSE * built {
+        if built >= 0.0 && size(&self.leaves[leaf].boxes.bounds()) > LOOSE * built {
             self.built[leaf] = -1.0;
             self.loose += 1;
         }

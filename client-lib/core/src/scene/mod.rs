@@ -28,8 +28,8 @@
 //! A change is what differs between then and now around the boxes whose state has changed (`store`), and one function
 //! says so (`change`), with the filters of then and now (`rules`). After few changes, boxes lie in cells (`cells`), and
 //! only what lies around changed boxes is looked at (`history`): no pairs are stored. Where cells do not part the boxes,
-//! the tree of casts takes their place for a while. Where more boxes have changed than that pays for, one in three to
-//! thirteen, one cull finds all pairs of now (`whole`), and those that the last one found are compared with them. All give
+//! the tree of casts takes their place for a while. Where more boxes have changed than that pays for, at the most one in
+//! three, one cull finds all pairs of now (`whole`), and those that the last one found are compared with them. All give
 //! the same lists. Pairs of moved boxes are what queries by these find (`query`).
 //!
 //! The ways differ in what they keep. The second small edit after a large one builds the cells, which takes about as long
@@ -88,7 +88,7 @@ use self::query::Asked;
 use self::states::{LOST, NAMED, STILL};
 use self::store::Store;
 use self::whole::Whole;
-use self::worth::{Changed, Worth, is_near};
+use self::worth::{Account, Worth, is_near};
 use crate::aabb::Aabb;
 use crate::backoff::Backoff;
 use crate::cancel::{Cancel, Wanted};
@@ -118,7 +118,7 @@ const WHOLE_NS: f64 = 150.0;
 enum Known {
     /// They are the pairs of now.
     Same,
-    /// Those of the few boxes that have changed since. There are cells.
+    /// Those of the few boxes that have changed since, which are looked around.
     Few,
     /// The boxes that have changed, as they were. There are no cells.
     Many,
@@ -410,27 +410,28 @@ impl Scene {
         self.options.most_boxes
     }
 
-    /// The scene since its history began.
-    fn changed(&self) -> Changed {
+    /// What is known of the scene since its history began.
+    fn account(&self) -> Account {
         let changed = self.store.changed();
         let judged = changed.iter().step_by(changed.len().div_ceil(JUDGED).max(1));
         let is_near = |index: &&u32| {
             let was = self.store.before(**index);
-            was.is_some_and(|was| is_near(&was.b, &self.store.boxes()[**index as usize]))
+            was.is_none_or(|was| is_near(&was.b, &self.store.boxes()[**index as usize]))
         };
         let of = judged.len() as u64;
-        Changed {
+        Account {
             boxes: self.len() as u64,
             pairs: self.count_then,
             compared: self.whole.compared(),
             far: of - judged.filter(is_near).count() as u64,
             of,
+            threads: team::threads_for(self.len() as f64 * WHOLE_NS, self.options.threads),
         }
     }
 
     /// As many changed boxes take as long to be looked around as the whole scene does.
     fn many(&self) -> usize {
-        self.worth.many(self.changed(), self.crowded.will_wait())
+        self.worth.many(self.account(), self.crowded.will_wait())
     }
 
     /// Notes what the last edit has changed.
@@ -451,7 +452,7 @@ impl Scene {
         // One large edit among small ones is no reason to build cells anew, which takes as long as several.
         let is_alone = was_small && self.cells.is_some() && changed <= 2 * many;
         if changed > many && !is_alone {
-            self.cells = None;
+            self.drop_cells();
             self.worth.forget_tests();
             return;
         }
@@ -459,7 +460,7 @@ impl Scene {
             return;
         }
         if self.cells.is_none() && self.crowded.is_waiting() {
-            if self.worth.does_tree_pay(changed, self.changed()) {
+            if self.worth.does_tree_pay(changed, self.account()) {
                 self.known = Known::Few;
             } else {
                 self.worth.forget_looks();
@@ -479,6 +480,13 @@ impl Scene {
         self.cells = Some(cells);
         self.asked.drop_cells();
         self.drop_lists();
+    }
+
+    /// Drops the cells of edits, which serve queries too: those are to pay for others anew.
+    fn drop_cells(&mut self) {
+        if self.cells.take().is_some() {
+            self.asked.spend_all();
+        }
     }
 
     /// Gives back what only whole scenes need, which are asked for seldom from now on.
@@ -531,8 +539,9 @@ impl Scene {
             let searches = store.changed().len();
             cells.note_searches(searches as u64, tested);
             self.worth.note_tests(searches, tested);
+            self.crowded = Backoff::NONE;
         } else {
-            self.cells = None;
+            self.drop_cells();
             self.crowded.failed();
         }
         Ok(found)
@@ -540,11 +549,11 @@ impl Scene {
 
     /// The same by a tree.
     fn changes_in_tree(&mut self) -> Result<Option<(Difference, u64)>, CullError> {
-        let (searches, changed) = (self.store.changed().len(), self.changed());
-        if !self.worth.does_tree_pay(searches, changed) {
+        let (searches, account) = (self.store.changed().len(), self.account());
+        if !self.worth.does_tree_pay(searches, account) {
             return Ok(None);
         }
-        let (store, threads, looks) = (&self.store, self.threads, changed.most_looks());
+        let (store, threads, looks) = (&self.store, self.threads, account.most_looks());
         let most = (2 * self.whole.most_pairs(), &self.cancel);
         let tree = self.asked.tree(store, threads, &self.cancel);
         let found = tree.and_then(|tree| history::crowded::find(tree, store, threads, looks, most));
@@ -591,7 +600,7 @@ impl Scene {
         }
         let Difference { begun, ended } = found;
         let (more, less) = (begun.len() as u64, ended.len() as u64);
-        self.reported.pair_count = (self.count_then + more).saturating_sub(less);
+        self.reported.pair_count = self.count_then.saturating_add(more).saturating_sub(less);
         if is_resync_due(more + less, self.reported.pair_count) {
             return self.report_resync();
         }
@@ -637,7 +646,7 @@ impl Scene {
     fn report_moved(&mut self) -> Result<(), CullError> {
         let mut pairs = Vec::new();
         let named = self.store.named().len();
-        if named > self.many().min(self.len() / query::MANY_SHARE) {
+        if named > self.many().min(self.len() / query::REBUILT_SHARE) {
             let now = self.list_now()?;
             let is_named = |pair: &Pair| self.store.states.has_either(*pair, NAMED);
             pairs.extend(now.iter().copied().filter(is_named));
@@ -656,6 +665,9 @@ impl Scene {
                 *found = pair(index, other);
                 !is_reported && states.may_meet(*found)
             });
+            if pairs.len() as u64 > whole.most_pairs() {
+                return Err(query::more_pairs_than(whole.most_pairs()));
+            }
             whole.sorter().sort(&mut pairs, store.boxes().len() as u32, threads, cancel);
         }
         if self.cancel.is_cancelled() {
@@ -693,7 +705,7 @@ fn edit_threads(scene: &Scene, edit: Edit<'_>, report: Report) -> usize {
         team::threads_by_share(named as f64 * CHANGED_NS, CHANGED_SERIAL_SHARE, asked)
     } else if is_few
         && scene.crowded.will_wait()
-        && scene.worth.does_tree_pay(named, scene.changed())
+        && scene.worth.does_tree_pay(named, scene.account())
     {
         team::threads_for(named as f64 * CROWDED_NS, asked)
     } else {

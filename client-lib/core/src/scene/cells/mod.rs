@@ -41,9 +41,11 @@ const STRETCH: usize = 8_192;
 const TASK_MOVES: usize = 512;
 /// Moves made at a time, so that their misses of the caches overlap.
 const MOVES: usize = 16;
-/// Tests of a search that are as they should be, in any case; else so many eighths of those that a layout began with.
+/// Tests of a search that are as they should be, in any case; else so many eighths of those of the first searches in a
+/// layout.
 const FAIR_TESTS: u64 = 96;
 const FAIR_GROWTH: u64 = 12;
+const FAIR_SEARCHES: u64 = 256;
 /// Tests beyond these, for each box, after which the layout is chosen again: about what that takes.
 const UNFAIR_TESTS_A_BOX: u64 = 32;
 /// Moves, for each box, after which the layout is chosen again, since boxes may have spread.
@@ -69,7 +71,7 @@ pub(super) struct Cells {
     /// Tests of searches since then, and searches.
     tests: u64,
     searches: u64,
-    /// Tests of a search that are as they should be; 0 before the first one.
+    /// Tests of a search that are as they should be; 0 while that is not known.
     fair_tests: u64,
     /// Memory of the moves under way.
     moves: Vec<Move>,
@@ -358,18 +360,17 @@ impl Cells {
     fn is_stale(&self, store: &Store) -> bool {
         let boxes = store.states.present() as u64 + BOXES_LEAST;
         let unfair = self.tests.saturating_sub(self.searches * self.fair_tests);
-        self.move_count > MOVES_A_BOX * boxes
-            || unfair > UNFAIR_TESTS_A_BOX * boxes
-            || self.runs.are_spread()
+        let is_unfair = self.fair_tests > 0 && unfair > UNFAIR_TESTS_A_BOX * boxes;
+        self.move_count > MOVES_A_BOX * boxes || is_unfair || self.runs.are_spread()
     }
 
     /// Counts searches and their tests, by which the layout is judged.
     pub fn note_searches(&mut self, searches: u64, tests: u64) {
-        if self.fair_tests == 0 && searches > 0 {
-            self.fair_tests = FAIR_TESTS.max(tests / searches * FAIR_GROWTH / 8);
-        }
         self.searches += searches;
         self.tests += tests;
+        if self.fair_tests == 0 && self.searches >= FAIR_SEARCHES {
+            self.fair_tests = FAIR_TESTS.max(self.tests / self.searches * FAIR_GROWTH / 8);
+        }
     }
 }
 

@@ -159,12 +159,13 @@ impl Runs {
         self.move_run(cell, start, room, moved);
     }
 
-    /// Takes room from a cell that needs no more than half of it, where a run of the right length is free: cells that grow
-    /// find longer ones.
+    /// Takes room from a cell that needs no more than half of it, where a run of the right length is free, and cells that grow
+    /// can have its own.
     fn shrink(&mut self, cell: u32, moved: impl FnMut(u32, u32, u32)) {
         let old = self.of_cells[cell as usize];
         let room = old.blocks();
         if 2 * room <= old.room
+            && old.room as usize <= REUSED_MOST
             && let Some(start) = self.take_free(room)
         {
             self.move_run(cell, start, room, moved);

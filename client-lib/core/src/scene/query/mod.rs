@@ -45,7 +45,7 @@ use crate::test_budget::TestBudget;
 /// To compare so many queries with a box takes as long as to place it in cells or a tree.
 const PLACED_TESTS: u64 = 64;
 /// Boxes that move at once take as long as to place all anew: one in so many.
-pub(super) const MANY_SHARE: usize = 6;
+pub(super) const REBUILT_SHARE: usize = 6;
 /// Comparisons that never pay for cells: 16 µs.
 const FEW_TESTS: u64 = 16_384;
 /// A query takes so long on one thread, ns, with its sorting.
@@ -170,6 +170,11 @@ impl Asked {
         self.casts.tree(store.boxes(), store.changed().len(), threads, cancel)
     }
 
+    /// Cells were dropped: what they saved has paid for them.
+    pub const fn spend_all(&mut self) {
+        self.saved = 0;
+    }
+
     /// Cells of edits serve queries too from now on.
     pub fn drop_cells(&mut self) {
         self.cells = None;
@@ -281,15 +286,16 @@ impl Scene {
         !is_ready && *saved < enough
     }
 
-    /// Builds cells where there are none. Those of edits where nothing has changed since the last taken answer: then they
-    /// are the cells of now.
+    /// Builds cells where there are none. Those of edits where nothing has changed since the last taken answer, since then
+    /// they are the cells of now, and edits are small.
     fn build_cells(&mut self) {
         if self.cells.is_some() || self.asked.cells.is_some() {
             return;
         }
         let (store, threads) = (&self.store, self.threads);
         let cells = Cells::of(store.boxes(), |index| store.states.has(index, STILL), threads);
-        if self.is_settled() {
+        // Those of edits that search in cells.
+        if self.is_settled() && self.was_small && !self.crowded.will_wait() {
             self.cells = Some(cells);
         } else {
             self.asked.cells = Some(cells);
@@ -306,8 +312,10 @@ impl Scene {
         *saved = saved.saturating_sub(PLACED_TESTS * count as u64);
         // Where many boxes move, cells are sooner built anew when somebody asks; where nobody asks any more, they cost
         // more than they save.
-        if *saved == 0 || count > store.states.present() / MANY_SHARE {
-            *cells = None;
+        if *saved == 0 || count > store.states.present() / REBUILT_SHARE {
+            if cells.take().is_some() {
+                *saved = 0;
+            }
         } else if let Some(cells) = cells {
             cells.follow(store, moved, threads);
         }
