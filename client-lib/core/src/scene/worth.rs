@@ -128,14 +128,12 @@ const fn average(known: u64, searches: usize, took: u64) -> u64 {
 
 /// Whether a box is about where it was, or is looked around at one place since it was, or is, nowhere.
 pub(super) fn is_near(was: &Aabb, is: &Aabb) -> bool {
-    if !is_valid(was) || !is_valid(is) {
-        return true;
-    }
     floats::with_default(|| {
-        (0..3).all(|axis| {
+        let is_near = |axis: usize| {
             let moved = (is.min[axis] - was.min[axis]).abs();
             moved <= NEAR_SHARE * (was.max[axis] - was.min[axis])
-        })
+        };
+        !is_valid(was) || !is_valid(is) || (0..3).all(is_near)
     })
 }
 
