@@ -163,15 +163,20 @@ impl BoxTree {
             }),
             _ => self.put_all(boxes, threads),
         }
-        let is_costly = self.loose_looks > LOOSE_LOOKS * boxes.len() as u64;
-        if is_costly || self.loose * LOOSE_SHARE > self.leaves.len() {
+        if self.is_costly() || self.loose * LOOSE_SHARE > self.leaves.len() {
             self.build(boxes, threads, &Cancel::never());
         }
     }
 
+    /// Whether loose leaves cost as much as to build the tree anew, which an update does.
+    pub(crate) const fn is_costly(&self) -> bool {
+        self.loose_looks > LOOSE_LOOKS * self.places.len() as u64
+    }
+
     /// Notes that so many searches are to follow.
     pub(crate) const fn note_searches(&mut self, count: usize) {
-        self.loose_looks += (count * FAN_OUT * self.loose) as u64;
+        let looks = (FAN_OUT as u64 * self.loose as u64).saturating_mul(count as u64);
+        self.loose_looks = self.loose_looks.saturating_add(looks);
     }
 
     /// Adds a place for an index.
@@ -236,7 +241,7 @@ impl BoxTree {
         self.touched.clear();
         floats::with_default(|| {
             for leaf in 0..self.leaves.len() {
-                self.note_edges(leaf);
+                self.note_size(leaf);
             }
             self.bound_all();
             self.reach = self.reach.max(reach_of(&self.bounds()));
@@ -278,7 +283,7 @@ impl BoxTree {
         }
     }
 
-    fn note_edges(&mut self, leaf: usize) {
+    fn note_size(&mut self, leaf: usize) {
         let built = self.built[leaf];
         if built >= 0.0 && size(&self.leaves[leaf].boxes.bounds()) > LOOSE * built {
             self.built[leaf] = -1.0;
@@ -304,7 +309,7 @@ impl BoxTree {
             for group in &mut touched {
                 let at = *group as usize;
                 if depth == 0 {
-                    self.note_edges(at);
+                    self.note_size(at);
                 }
                 if depth < self.levels.len() {
                     let bounds = self.bounds_of(depth, at);

@@ -172,7 +172,7 @@ impl CastTree {
         }
         let changed = (!std::mem::take(&mut self.is_all_changed)).then_some(&self.changed[..]);
         let tree = self.tree.as_mut()?;
-        if changed.is_none_or(|changed| !changed.is_empty()) {
+        if changed.is_none_or(|changed| !changed.is_empty()) || tree.is_costly() {
             tree.update(boxes, changed, threads);
             self.changed.clear();
         }
