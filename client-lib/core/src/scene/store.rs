@@ -194,7 +194,9 @@ impl Store {
     /// Sets the boxes of an edit that was checked.
     fn set_all(&mut self, edit: Edit<'_>, threads: usize) {
         for Sets { indices, boxes } in edit.sets() {
-            match (Rising::of(*indices, boxes.len()), *indices) {
+            let listed = Rising::listed(*indices, boxes.len());
+            let indices = listed.as_deref().map_or(*indices, Indices::List);
+            match (Rising::of(indices, boxes.len()), indices) {
                 (Some(rising), _) => self.set_rising(rising, boxes, threads),
                 (None, Indices::List(list)) => {
                     for (at, (index, b)) in list.iter().zip(*boxes).enumerate() {

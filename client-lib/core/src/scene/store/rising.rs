@@ -29,6 +29,16 @@ impl<'a> Rising<'a> {
         }
     }
 
+    /// The indices of a mask of so many, which rise, as a list, where they are better set so.
+    pub fn listed(indices: Indices<'_>, count: usize) -> Option<Vec<u32>> {
+        if !matches!(indices, Indices::Mask { .. }) || count < BOXES_LEAST {
+            return None;
+        }
+        let mut list = Vec::with_capacity(count);
+        indices.for_each(|_, index| list.push(index));
+        Some(list)
+    }
+
     #[inline(always)]
     fn at(&self, at: usize) -> u32 {
         match self {
@@ -245,7 +255,14 @@ mod tests {
                     some.reverse();
                     set.reverse();
                 }
-                let gaps = [Step::Set(Sets { indices: (&some).into(), boxes: &set })];
+                let mut words = vec![0u32; 2 * LONG.div_ceil(32) as usize];
+                for index in &some {
+                    words[*index as usize / 32] |= 1 << (index % 32);
+                }
+                let is_masked = steps.as_ptr() == edits[0].as_ptr();
+                let mask = Indices::Mask { first: 0, words: &words };
+                let indices = if is_masked { mask } else { (&some).into() };
+                let gaps = [Step::Set(Sets { indices, boxes: &set })];
                 assert_eq!(store.apply(Edit { steps: &gaps }, 1 << 20, threads), Ok(()));
                 if tick == 4 {
                     store.discard();
