@@ -443,10 +443,10 @@ impl Scene {
         let now = self.list_now.take();
         self.recycle(now);
         self.note_for_queries();
-        let (changed, present, many) = (self.store.changed().len(), self.len(), self.many());
         if matches!(self.known, Known::Many | Known::Lost) {
             return;
         }
+        let (changed, present, many) = (self.store.changed().len(), self.len(), self.many());
         self.known = Known::Many;
         let was_small = std::mem::replace(&mut self.was_small, changed <= many);
         // One large edit among small ones is no reason to build cells anew, which takes as long as several.
@@ -700,7 +700,7 @@ impl Scene {
 fn edit_threads(scene: &Scene, edit: Edit<'_>, report: Report) -> usize {
     let asked = scene.options.threads;
     let (named, present) = (edit.boxes(), scene.store.states.present().max(edit.boxes()));
-    let is_few = named <= scene.many() && report != Report::All;
+    let is_few = report != Report::All && named <= scene.many();
     if is_few && scene.cells.is_some() {
         team::threads_by_share(named as f64 * CHANGED_NS, CHANGED_SERIAL_SHARE, asked)
     } else if is_few
