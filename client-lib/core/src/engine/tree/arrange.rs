@@ -4,7 +4,8 @@ use std::borrow::Cow;
 
 use super::FAN_OUT;
 use super::cut::{Cut, Surroundings};
-use crate::aabb::{Aabb, order_key};
+use super::divide::divide;
+use crate::aabb::Aabb;
 use crate::cancel::Cancel;
 use crate::engine::{AvailableIsa, Census};
 use crate::floats;
@@ -26,9 +27,8 @@ const LOOKED_AT: usize = 2_048;
 pub(crate) struct Entry {
     pub aabb: Aabb,
     pub index: u32,
-    /// While boxes are read, not 0 for one that overlaps nothing; then what it is parted by, as a number that sorts
-    /// like it.
-    rank: i32,
+    /// Not 0 for one that overlaps nothing.
+    is_idle: u32,
 }
 
 /// Boxes, and the entries that they become.
@@ -61,7 +61,7 @@ pub(super) fn read(boxes: &[Aabb], entries: &mut [Entry], threads: usize) -> Cen
         for ((entry, aabb), index) in entries.iter_mut().zip(boxes).zip(first_index..) {
             let aabb = *aabb;
             let is_valid = census.note_box(index, &aabb);
-            *entry = Entry { aabb, index, rank: i32::from(!is_valid) };
+            *entry = Entry { aabb, index, is_idle: u32::from(!is_valid) };
         }
         census
     };
@@ -74,7 +74,7 @@ pub(super) fn valid_first<'a>(entries: &'a mut [Entry], census: &Census) -> &'a 
     if valid < entries.len() {
         let mut next = 0;
         for at in 0..entries.len() {
-            if entries[at].rank == 0 {
+            if entries[at].is_idle == 0 {
                 entries.swap(at, next);
                 next += 1;
             }
@@ -84,15 +84,16 @@ pub(super) fn valid_first<'a>(entries: &'a mut [Entry], census: &Census) -> &'a 
 }
 
 /// Brings valid boxes into order, in so many parts, unless cancelled. Ranges that are whole groups of every size, from their
-/// first box on, lie close together.
+/// first box on, lie close together. `keys` has room for one a box.
 pub(super) fn arrange(
     entries: &mut [Entry],
+    keys: &mut [i32],
     around: &Surroundings,
     parts: usize,
     isa: AvailableIsa,
     cancel: &Cancel,
 ) {
-    let mut rest = entries;
+    let (mut rest, mut keys) = (entries, keys);
     let mut around = Cow::Borrowed(around);
     while rest.len() > FAN_OUT {
         let all = rest.len();
@@ -105,13 +106,11 @@ pub(super) fn arrange(
             let groups = all.div_ceil(granule);
             let before = ((cut.share * groups as f32).round() as usize).clamp(1, groups - 1);
             let at = before * granule;
-            for entry in &mut *rest {
-                entry.rank = order_key(cut.by.of(&entry.aabb).to_bits());
-            }
-            rest.select_nth_unstable_by_key(at, |entry| entry.rank);
+            divide(rest, keys, at, (cut.by, cut.mean), isa);
             (at, (all > LARGE).then(|| cut.surroundings((*rest).split_at(at), &around)))
         });
         let (low, high) = std::mem::take(&mut rest).split_at_mut(at);
+        let (low_keys, high_keys) = std::mem::take(&mut keys).split_at_mut(at);
         let [of_low, of_high] = match &sides {
             Some([low, high]) => [low, high],
             None => [&*around; 2],
@@ -119,13 +118,13 @@ pub(super) fn arrange(
         if parts > 1 {
             let low_parts = (parts * at / all).clamp(1, parts - 1);
             rayon::join(
-                || arrange(low, of_low, low_parts, isa, cancel),
-                || arrange(high, of_high, parts - low_parts, isa, cancel),
+                || arrange(low, low_keys, of_low, low_parts, isa, cancel),
+                || arrange(high, high_keys, of_high, parts - low_parts, isa, cancel),
             );
             return;
         }
-        arrange(low, of_low, 1, isa, cancel);
-        rest = high;
+        arrange(low, low_keys, of_low, 1, isa, cancel);
+        (rest, keys) = (high, high_keys);
         if let Some([_, of_high]) = sides {
             around = Cow::Owned(of_high);
         }

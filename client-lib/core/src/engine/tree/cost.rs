@@ -8,6 +8,6 @@ pub(super) const TERMS: &[CostTerm] = &[
     // A box: read, and compared with the groups that it meets.
     CostTerm::by_lanes(60.0, |stats, _| stats.boxes()),
     // A box and halving of the scene down to a group that is not cut.
-    CostTerm::new(9.0, |stats, _| stats.boxes() * (stats.boxes() / 16.0).max(1.0).log2()),
+    CostTerm::new(5.0, |stats, _| stats.boxes() * (stats.boxes() / 16.0).max(1.0).log2()),
     CostTerm::new(3.0, |stats, _| spills(stats)),
 ];

@@ -14,6 +14,7 @@
 mod arrange;
 mod cost;
 mod cut;
+mod divide;
 mod nodes;
 mod search;
 
@@ -48,24 +49,27 @@ type Tree = Ordered<Groups>;
 #[derive(Default)]
 pub(super) struct Groups {
     entries: AlignedBuffer<Entry>,
+    keys: AlignedBuffer<i32>,
     boxes: OrderedBoxes,
     nodes: Nodes,
 }
 
 /// Brings boxes into the order of the tree, and those that overlap nothing behind all others, unless cancelled.
 fn order_into(
-    entries: &mut AlignedBuffer<Entry>,
+    (entries, keys): (&mut AlignedBuffer<Entry>, &mut AlignedBuffer<i32>),
     boxes: &[Aabb],
     threads: usize,
     isa: AvailableIsa,
     cancel: &Cancel,
 ) -> Census {
     entries.resize(boxes.len());
+    keys.resize(boxes.len());
     let entries = entries.as_mut_slice();
     let census = arrange::read(boxes, entries, threads);
     let valid = arrange::valid_first(entries, &census);
     let parts = part_count(valid.len(), arrange::TASK_BOXES, threads);
-    arrange(valid, &Surroundings::default(), parts, isa, cancel);
+    let keys = &mut keys.as_mut_slice()[..valid.len()];
+    arrange(valid, keys, &Surroundings::default(), parts, isa, cancel);
     census
 }
 
@@ -78,7 +82,7 @@ pub(crate) fn order_by_tree(
     cancel: &Cancel,
 ) -> AlignedBuffer<Entry> {
     let mut entries = AlignedBuffer::default();
-    order_into(&mut entries, boxes, threads, isa, cancel);
+    order_into((&mut entries, &mut AlignedBuffer::default()), boxes, threads, isa, cancel);
     entries
 }
 
@@ -99,7 +103,7 @@ impl Arrangement for Groups {
         isa: AvailableIsa,
         cancel: &Cancel,
     ) -> Result<Census, CullError> {
-        let census = order_into(&mut self.entries, boxes, threads, isa, cancel);
+        let census = order_into((&mut self.entries, &mut self.keys), boxes, threads, isa, cancel);
         if cancel.is_cancelled() {
             return Err(CullError::Cancelled);
         }
@@ -121,6 +125,9 @@ impl Arrangement for Groups {
     }
 
     fn allocated_bytes(&self) -> usize {
-        self.entries.allocated_bytes() + self.boxes.allocated_bytes() + self.nodes.allocated_bytes()
+        self.entries.allocated_bytes()
+            + self.keys.allocated_bytes()
+            + self.boxes.allocated_bytes()
+            + self.nodes.allocated_bytes()
     }
 }
