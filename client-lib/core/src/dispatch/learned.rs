@@ -36,15 +36,28 @@ pub(super) struct Learned {
     frames: u32,
 }
 
-/// What is known of measured by predicted time. No `Option`: compilers take the power before they look whether there is
-/// one, of memory then that nobody has written, which checkers of memory report.
-#[derive(Clone, Copy, Debug, Default)]
+/// What is known of measured by predicted time.
+#[derive(Clone, Copy, Debug)]
 struct Factor {
     /// Its logarithm, 0 where nothing is known.
     ln: f64,
+    /// The factor itself: plans of small scenes count every ns, and each looks at those of all engines.
+    times: f64,
     is_known: bool,
     /// Whether the engine has had a frame.
     is_warm: bool,
+}
+
+impl Default for Factor {
+    fn default() -> Self {
+        Self { ln: 0.0, times: 1.0, is_known: false, is_warm: false }
+    }
+}
+
+impl Factor {
+    fn set(&mut self, ln: f64) {
+        (self.ln, self.times) = (ln, ln.exp());
+    }
 }
 
 fn class_of(n: BoxCount) -> usize {
@@ -63,14 +76,15 @@ impl Learned {
         }
         if self.is_look_due() {
             let others = self.factors.iter_mut().enumerate().filter(|(other, _)| *other != slot);
-            others.for_each(|(_, of)| of[class].ln *= KEPT);
+            others.for_each(|(_, of)| of[class].set(KEPT * of[class].ln));
         }
         let took = (measured_ns as f64 / expected_ns as f64).ln();
         let factor = &mut self.factors[slot][class];
         let step = (took - factor.ln).clamp(-FARTHEST.ln(), FARTHEST.ln());
         // The first that counts says more than nothing does.
         let weight = if factor.is_known { WEIGHT } else { 0.5 };
-        *factor = Factor { ln: factor.ln + weight * step, is_known: true, ..*factor };
+        factor.set(factor.ln + weight * step);
+        factor.is_known = true;
     }
 
     /// The engine that is soonest by what was learned takes the planned one's place, or the one to be looked at; none
@@ -81,11 +95,10 @@ impl Learned {
         }
         let class = class_of(plan.stats.n);
         let factor = |engine: EngineName| self.factors[engine.ordinal()][class];
-        // Once for each engine: plans of small scenes count every ns.
         let expected_ns = EngineName::ALL.map(|engine| {
             plan.candidates[engine.ordinal()].map_or(f64::INFINITY, |c| {
                 let engine_ns = c.predicted_ns - c.iterate_ns;
-                engine_ns * factor(engine).ln.exp() + c.iterate_ns
+                engine_ns * factor(engine).times + c.iterate_ns
             })
         });
         let expected = |c: &Candidate| expected_ns[c.engine.ordinal()];

@@ -4,7 +4,7 @@ use pairmask_core::Encoding;
 use pairmask_core::engine::AvailableIsa;
 use pairmaskd::cli::machine::Machine;
 
-use super::harness::{Fields, Part, Report, Table, median, row};
+use super::harness::{Fields, Part, Report, Table, percentile, row};
 use super::ways::{
     Case, CaseTimes, Planned, core_count, distinct, measure_case, pools, thread_counts,
 };
@@ -34,9 +34,10 @@ impl Half {
     }
 }
 
-fn median_of_half(times: &[u64], half: Half) -> u64 {
+/// The lower quartile of half the frames: what else runs on the machine lengthens frames, and never shortens one.
+fn quartile_of_half(times: &[u64], half: Half) -> u64 {
     let times = times.iter().enumerate().filter(|(frame, _)| Half::of(*frame) == half);
-    median(times.map(|(_, ns)| *ns as f64).collect()) as u64
+    percentile(times.map(|(_, ns)| *ns as f64).collect(), 25) as u64
 }
 
 /// Judges what was planned for a measured case.
@@ -44,9 +45,9 @@ fn judge(measured: &CaseTimes, planned: &Planned) -> Option<Fields> {
     let Case { scene, n } = measured.case;
     let Planned { threads, plan, .. } = planned;
     let allowed = measured.ways.iter().filter(|timed| timed.way.threads <= *threads);
-    let best = allowed.min_by_key(|timed| median_of_half(&timed.total_ns(), Half::Chosen))?;
-    let best_ns = median_of_half(&best.total_ns(), Half::Measured);
-    let planned_ns = median_of_half(&planned.total_ns, Half::Measured);
+    let best = allowed.min_by_key(|timed| quartile_of_half(&timed.total_ns(), Half::Chosen))?;
+    let best_ns = quartile_of_half(&best.total_ns(), Half::Measured);
+    let planned_ns = quartile_of_half(&planned.total_ns, Half::Measured);
     let candidate = plan.candidates[plan.engine.ordinal()];
     Some(row!(
         scene: scene.as_str(),

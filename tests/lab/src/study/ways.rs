@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::{CpuEngines, CullOptions, nanoseconds_since};
 use pairmask_core::engine::{
-    AvailableIsa, CullError, CullInput, CullReport, Engine, EngineName, HeapReply, cpu_engine,
+    AvailableIsa, CullInput, CullReport, Engine, EngineName, HeapReply, cpu_engine,
 };
 use pairmask_core::plan::{Calibration, Plan, SceneStats};
 use pairmask_core::{Aabb, BoxCount, Encoding, MaskView};
@@ -23,6 +23,10 @@ const SEED: u64 = 1;
 const WARM_UP: usize = 2;
 /// Frames from which the plan has learned before its choice is judged: less than a second of a game.
 const LEARNED_FRAMES: usize = 50;
+/// Frames of a way in its turn, of which the last is measured. A session goes on with one way, on one thread: the first
+/// frames of a turn find caches and branch predictors as twenty other ways left them, which takes up to half as long
+/// again where frames are of microseconds.
+const TURN: usize = 8;
 /// Frames that are measured: at least so many, and until this time is over, at most so many.
 const LEAST_FRAMES: usize = 15;
 const MOST_FRAMES: usize = 200;
@@ -95,8 +99,8 @@ pub fn measure_case(
             let turn = (turn + frame) % count;
             let (boxes, is_noted) = (scene.boxes(), frame >= WARM_UP);
             let (engine, pairs) = match turn.checked_sub(ways.len()) {
-                None => (ways[turn].way.engine, ways[turn].frame(boxes, is_noted)?),
-                Some(turn) => planned[turn].frame(boxes, is_noted)?,
+                None => (ways[turn].way.engine, ways[turn].turn(boxes, is_noted)?),
+                Some(turn) => planned[turn].turn(boxes, TURN, is_noted)?,
             };
             let (first, expected) = *first.get_or_insert((engine, pairs));
             if pairs != expected {
@@ -138,19 +142,29 @@ impl Planned {
         let (total_ns, last_pairs) = (Vec::new(), None);
         let mut planned = Self { threads, plan, total_ns, engines, isa, last_pairs, reply, pool };
         for _ in 0..LEARNED_FRAMES {
-            planned.frame(scene.boxes(), false)?;
+            planned.turn(scene.boxes(), 1, false)?;
             scene.step();
         }
         Ok(planned)
     }
 
-    /// The engine that answered, and its pairs.
-    fn frame(&mut self, boxes: &[Aabb], is_noted: bool) -> Result<(EngineName, u64)> {
+    /// The engine that answered the last of so many frames, and its pairs.
+    fn turn(&mut self, boxes: &[Aabb], frames: usize, is_noted: bool) -> Result<(EngineName, u64)> {
         let pool = self.pool.clone();
-        Ok(on(pool.as_ref(), || self.frame_here(boxes, is_noted).map_err(|err| err.to_string()))?)
+        let mut turn = || {
+            (1..frames).try_for_each(|_| self.frame(boxes).map(|_| ()))?;
+            self.frame(boxes)
+        };
+        let (engine, pairs, total_ns) =
+            on(pool.as_ref(), || turn().map_err(|err| err.to_string()))?;
+        if is_noted {
+            self.total_ns.push(total_ns);
+        }
+        Ok((engine, pairs))
     }
 
-    fn frame_here(&mut self, boxes: &[Aabb], is_noted: bool) -> Result<(EngineName, u64)> {
+    /// The engine that answered, its pairs, and what they took.
+    fn frame(&mut self, boxes: &[Aabb]) -> Result<(EngineName, u64, u64)> {
         let threads = Some(self.threads);
         let options =
             CullOptions { last_pairs: self.last_pairs, threads, ..CullOptions::default() };
@@ -160,10 +174,7 @@ impl Planned {
         let pairs = decode(engine, boxes.len(), &report, self.reply.words(), self.isa)?;
         let total_ns = nanoseconds_since(start);
         self.last_pairs = Some(pairs);
-        if is_noted {
-            self.total_ns.push(total_ns);
-        }
-        Ok((engine, pairs))
+        Ok((engine, pairs, total_ns))
     }
 }
 
@@ -219,24 +230,32 @@ impl TimedWay {
         frames.map(|(engine, decode)| engine + decode).collect()
     }
 
-    fn frame(&mut self, boxes: &[Aabb], is_noted: bool) -> Result<u64> {
-        let (engine, reply) = (&mut self.engine, &mut self.reply);
-        let (report, engine_ns) = on(self.pool.as_ref(), || -> Result<_, CullError> {
-            let start = Instant::now();
-            let report = engine.cull(
-                &CullInput::boxes(boxes).encoding(self.way.encoding).threads(self.way.threads),
-                reply,
-            )?;
-            Ok((report, nanoseconds_since(start)))
-        })?;
-        let start = Instant::now();
-        let pairs = decode(self.way.engine, boxes.len(), &report, self.reply.words(), self.isa)?;
-        let decode_ns = nanoseconds_since(start);
+    /// The pairs of [`TURN`] frames.
+    fn turn(&mut self, boxes: &[Aabb], is_noted: bool) -> Result<u64> {
+        let pool = self.pool.clone();
+        let mut turn = || {
+            (1..TURN).try_for_each(|_| self.frame(boxes).map(|_| ()))?;
+            self.frame(boxes)
+        };
+        let (pairs, [engine_ns, decode_ns]) =
+            on(pool.as_ref(), || turn().map_err(|err| err.to_string()))?;
         if is_noted {
             self.engine_ns.push(engine_ns);
             self.decode_ns.push(decode_ns);
         }
         Ok(pairs)
+    }
+
+    /// The pairs, and what engine and decoder took.
+    fn frame(&mut self, boxes: &[Aabb]) -> Result<(u64, [u64; 2])> {
+        let Way { engine, encoding, threads } = self.way;
+        let input = CullInput::boxes(boxes).encoding(encoding).threads(threads);
+        let start = Instant::now();
+        let report = self.engine.cull(&input, &mut self.reply)?;
+        let engine_ns = nanoseconds_since(start);
+        let start = Instant::now();
+        let pairs = decode(engine, boxes.len(), &report, self.reply.words(), self.isa)?;
+        Ok((pairs, [engine_ns, nanoseconds_since(start)]))
     }
 }
 
