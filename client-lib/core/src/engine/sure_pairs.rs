@@ -21,8 +21,10 @@ const SAMPLED_PAIRS: u64 = 2;
 const COORDINATES: usize = 16;
 /// Boxes that are counted from one look to the next, whether there are enough pairs and anybody waits for them.
 const COUNTED_AT_ONCE: usize = 4_096;
-/// Boxes of the larger sample, whose pairs take some ms to test.
+/// Most boxes of the larger sample, whose pairs take some ms to test.
 const MANY_SAMPLED: usize = 2_048;
+/// Pairs of the larger sample for each box of the scene: they take a few ns, a tenth of what a frame does.
+const SAMPLED_PAIRS_A_BOX: usize = 4;
 /// The exponent of the chance that a scene of no more pairs than fit is refused: once in 10^17 scenes.
 const NO_CHANCE: f64 = 40.0;
 /// A scene is counted where the sample says that it has this share of the pairs, one in so many: it may say too few.
@@ -39,7 +41,7 @@ pub(crate) trait Body: Copy {
     /// Whether it overlaps another one, exactly.
     fn meets(&self, other: &Self) -> bool;
 
-    /// How many are sampled where that decides.
+    /// How many are sampled at the most where that decides.
     const SAMPLED: usize;
 }
 
@@ -115,16 +117,17 @@ fn are_surely_more<T: Body>(
     share: f64,
     cancel: &Cancel,
 ) -> bool {
-    let sampled = |from: usize, n: usize, count: usize| -> Vec<T> {
-        let indices = sample_indices(count.min(n), n);
+    let most = T::SAMPLED.min((2 * SAMPLED_PAIRS_A_BOX * n).isqrt());
+    let sampled = |from: usize, n: usize| -> Vec<T> {
+        let indices = sample_indices(most.min(n), n);
         indices
             .filter_map(|index| get(from + index))
             .filter(|this| holds_points(&this.inner()))
             .collect()
     };
     let (all, others) = match first {
-        None => (sampled(0, n, T::SAMPLED), Vec::new()),
-        Some(first) => (sampled(0, first, T::SAMPLED), sampled(first, n - first, T::SAMPLED)),
+        None => (sampled(0, n), Vec::new()),
+        Some(first) => (sampled(0, first), sampled(first, n - first)),
     };
     let mut met = 0u64;
     for (i, one) in all.iter().enumerate() {
@@ -135,12 +138,12 @@ fn are_surely_more<T: Body>(
         met += others.iter().map(|other| u64::from(one.meets(other))).sum::<u64>();
     }
     // Of as many pairs as were drawn, those of boxes without a point too. Half of the boxes are pairs of their own.
-    let count = |n: usize, most: usize| n.min(most) as f64;
+    let count = |n: usize| n.min(most) as f64;
     let (drawn, apart) = if let Some(first) = first {
-        let [a, b] = [first, n - first].map(|n| count(n, T::SAMPLED));
+        let [a, b] = [first, n - first].map(count);
         (a * b, a.min(b))
     } else {
-        let all = count(n, T::SAMPLED);
+        let all = count(n);
         (all * (all - 1.0) / 2.0, (all / 2.0).floor())
     };
     exceeds(met as f64 / drawn, share, apart)
