@@ -7,7 +7,7 @@ use crate::units::BoxCount;
 
 /// Most boxes looked at: 10 to 20 µs, in scenes whose culling takes twenty times that or more. Large
 /// scenes are the grid's unless they are of an odd shape, which few boxes show.
-const SAMPLE_MOST: usize = 96;
+pub(crate) const SAMPLE_MOST: usize = 96;
 /// Small scenes are sampled less, so that planning stays a small part of them.
 const SAMPLE_LEAST: usize = 32;
 /// One box in so many, between the two.
@@ -31,8 +31,8 @@ pub struct SceneStats {
     pub median_size: f32,
     /// 90th percentile of the boxes' longest edges.
     pub large_size: f32,
-    /// Share of the boxes that start within a box's extent, on the axis where boxes are spread
-    /// widest against their edges: the window of a sweep.
+    /// Share of the boxes that start within a box's extent, on the axis on which that are fewest: the window of a
+    /// sweep.
     pub window_share: f32,
     /// Mean over the boxes of longest edge / shortest edge, at most 100.
     pub elongation: f32,
@@ -68,7 +68,7 @@ impl SceneStats {
             valid_share: count as f32 / requested.max(1) as f32,
             median_size,
             large_size,
-            window_share: window_share(sample, widest_axis(sample)),
+            window_share: (0..3).map(|axis| window_share(sample, axis)).fold(1.0, f32::min),
             elongation: elongation(sample),
             last_pairs,
         }
@@ -138,17 +138,6 @@ pub(crate) fn sample_indices(requested: usize, n: usize) -> impl Iterator<Item =
     })
 }
 
-fn bounds(sample: &[Aabb]) -> ([f32; 3], [f32; 3]) {
-    let extreme = |start: f32, pick: fn(f32, f32) -> f32| {
-        std::array::from_fn(|axis| {
-            let finite = sample.iter().map(|b| b.min[axis]).filter(|x| x.is_finite());
-            let found = finite.fold(start, pick);
-            if found.is_finite() { found } else { 0.0 }
-        })
-    };
-    (extreme(f32::INFINITY, f32::min), extreme(f32::NEG_INFINITY, f32::max))
-}
-
 /// Median and 90th percentile of the longest edges.
 fn sizes(sample: &[Aabb]) -> (f32, f32) {
     let mut sizes = [0.0; SAMPLE_MOST];
@@ -163,19 +152,9 @@ fn sizes(sample: &[Aabb]) -> (f32, f32) {
     (at(0.5), at(0.9))
 }
 
-/// The axis on which the bounds are widest against the mean finite edge.
-fn widest_axis(sample: &[Aabb]) -> usize {
-    let (low, high) = bounds(sample);
-    let spread: [f32; 3] = std::array::from_fn(|axis| {
-        let edges = sample.iter().map(|b| b.max[axis] - b.min[axis]).filter(|e| e.is_finite());
-        let sum: f32 = edges.sum();
-        (high[axis] - low[axis]) / sum.max(f32::MIN_POSITIVE)
-    });
-    (0..3).fold(0, |widest, axis| if spread[axis] > spread[widest] { axis } else { widest })
-}
-
-/// Mean share of boxes that start within a box's extent on an axis.
-fn window_share(sample: &[Aabb], axis: usize) -> f32 {
+/// Mean share of boxes that start within a box's extent on an axis: the window of a sweep along it. Few boxes far away
+/// have no say in it, unlike in a variance. Of at most [`SAMPLE_MOST`] boxes.
+pub(crate) fn window_share(sample: &[Aabb], axis: usize) -> f32 {
     let mut starts = [0.0; SAMPLE_MOST];
     let starts = &mut starts[..sample.len()];
     for (start, b) in starts.iter_mut().zip(sample) {
