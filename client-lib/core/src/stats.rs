@@ -12,7 +12,7 @@ pub(crate) const SAMPLE_MOST: usize = 96;
 const SAMPLE_LEAST: usize = 32;
 /// One box in so many, between the two.
 const SAMPLE_SHARE: usize = 32;
-/// Fewest boxes that are worth a look: a look takes 1 to 3 µs and 64 boxes take 2, and below so many
+/// Fewest boxes that are worth a look: a look takes 3 µs and 64 boxes take 2, and below so many
 /// the engines that come into question take about the same regardless of the scene.
 const LOOK_BOXES: usize = 512;
 /// Share of the boxes that a sweep's window holds in scenes of fewer than [`LOOK_BOXES`].
@@ -50,7 +50,7 @@ impl SceneStats {
 
     fn look(boxes: BoxSlice<'_>, last_pairs: Option<u64>) -> Self {
         let n = boxes.len();
-        let requested = (n / SAMPLE_SHARE).clamp(SAMPLE_LEAST, SAMPLE_MOST).min(n);
+        let requested = sample_size(n);
         let mut sample = [Aabb::EMPTY; SAMPLE_MOST];
         let mut count = 0;
         for index in sample_indices(requested, n) {
@@ -119,6 +119,11 @@ impl SceneStats {
     pub(crate) fn ordered_pairs(&self, has_order: bool) -> f64 {
         if has_order { self.expected_pairs() } else { 0.0 }
     }
+}
+
+/// How many of `n` boxes are looked at.
+pub(crate) fn sample_size(n: usize) -> usize {
+    (n / SAMPLE_SHARE).clamp(SAMPLE_LEAST, SAMPLE_MOST).min(n)
 }
 
 /// The boxes to look at for samples 0 to `requested`, at most `n`: one of each stretch, at a place that a

@@ -1,6 +1,7 @@
 //! A search for scenes that collapse our speed: the oddities that are known, the worst of an earlier search, then scenes
-//! at random and mutations of the worst so far (hill climbing). Ours is the plan's engine in process, the peer is the
-//! faster one of parry3d refitted and optimised; both have the same boxes, which move a little from frame to frame.
+//! at random and mutations of the worst so far (hill climbing). Ours is the plan's engine in process, once it had frames
+//! to learn from, the peer is the faster one of parry3d refitted and optimised; both have the same boxes, which move a
+//! little from frame to frame.
 
 use std::collections::BTreeSet;
 use std::io::{Write as _, stdout};
@@ -171,8 +172,8 @@ fn measure(
     }
     let mut reply = HeapReply::new();
     let start = Instant::now();
-    for _ in 0..LEARNED_FRAMES {
-        jitter(&mut boxes);
+    for turn in 0..LEARNED_FRAMES {
+        jitter(&mut boxes, turn);
         let answer = engines.cull(&boxes, &options, &mut reply).map_err(|e| e.to_string())?;
         options.last_pairs = Some(answer.report.pair_count);
         if start.elapsed() > ENOUGH {
@@ -182,8 +183,8 @@ fn measure(
     let mut peers = [Upkeep::Refit, Upkeep::OptimizeRefit]
         .map(|upkeep| (Parry::new(&boxes, upkeep, threads), Vec::new()));
     let (mut ours, mut engine, mut tally) = (Vec::new(), EngineName::CpuGrid, Tally::default());
-    for _ in 0..FRAMES {
-        jitter(&mut boxes);
+    for turn in 0..FRAMES {
+        jitter(&mut boxes, turn);
         if !is_enough(&ours) {
             let start = Instant::now();
             let answer = engines.cull(&boxes, &options, &mut reply).map_err(|e| e.to_string())?;
@@ -232,16 +233,17 @@ fn is_enough(times: &[u64]) -> bool {
     times.iter().map(|ns| Duration::from_nanos(*ns)).sum::<Duration>() > ENOUGH
 }
 
-/// Moves each box by a fiftieth of its shortest edge, half of them the other way, or by what its coordinates distinguish where that is
-/// more: boxes at rest would cost a tree that is refitted nothing, and a session neither.
-fn jitter(boxes: &mut [Aabb]) {
+/// Moves each box by a fiftieth of its shortest edge, or by what its coordinates distinguish where that is more, to and
+/// fro from turn to turn: boxes at rest would cost a tree that is refitted nothing, and a session neither.
+fn jitter(boxes: &mut [Aabb], turn: usize) {
     for (i, b) in boxes.iter_mut().enumerate() {
         let edges = [0, 1, 2].map(|axis| b.max[axis] - b.min[axis]);
         let shortest = edges.iter().fold(f32::INFINITY, |a, e| a.min(*e));
         let farthest = b.min[i % 3].abs().max(b.max[i % 3].abs());
         let step = (shortest / 50.0).max(2.0 * f32::EPSILON * farthest);
-        let step = if i % 2 == 0 { step } else { -step };
-        (b.min[i % 3], b.max[i % 3]) = (b.min[i % 3] + step, b.max[i % 3] + step);
+        let step = if (i + turn).is_multiple_of(2) { step } else { -step };
+        let axis = i % 3;
+        (b.min[axis], b.max[axis]) = (b.min[axis] + step, b.max[axis] + step);
     }
 }
 
@@ -253,7 +255,7 @@ fn scene(boxes: &mut [Aabb], threads: usize) -> Result<[u64; 2], String> {
     let (mut edits, mut queries, mut found) = (Vec::new(), Vec::new(), Vec::new());
     for turn in 0..FRAMES as u32 + 2 {
         let moved: BTreeSet<u32> = (0..n).filter(|i| turn == 0 || i % 100 == turn).collect();
-        jitter(boxes);
+        jitter(boxes, turn as usize);
         let indices: Vec<u32> = moved.into_iter().collect();
         let set: Vec<Aabb> = indices.iter().map(|index| boxes[*index as usize]).collect();
         let steps = [sets(&indices, &set)];

@@ -23,7 +23,8 @@ const COORDINATES: usize = 16;
 const COUNTED_AT_ONCE: usize = 4_096;
 /// Most boxes of the larger sample, whose pairs take some ms to test.
 const MANY_SAMPLED: usize = 2_048;
-/// Pairs of the larger sample for each box of the scene: they take a few ns, a tenth of what a frame does.
+/// Pairs of the larger sample for each box of the scene, twice as many of two sets: those of boxes take a few ns, a tenth
+/// of what a frame does.
 const SAMPLED_PAIRS_A_BOX: usize = 4;
 /// The exponent of the chance that a scene of no more pairs than fit is refused: once in 10^17 scenes.
 const NO_CHANCE: f64 = 40.0;

@@ -1,5 +1,5 @@
 //! Cases, a scene of some size each, that are culled in several ways. The machine may be busy: ways that
-//! are compared take turns in each frame.
+//! are compared take turns.
 
 use std::collections::BTreeMap;
 use std::hint::black_box;
@@ -23,11 +23,13 @@ const SEED: u64 = 1;
 const WARM_UP: usize = 2;
 /// Frames from which the plan has learned before its choice is judged: less than a second of a game.
 const LEARNED_FRAMES: usize = 50;
-/// Frames of a way in its turn, of which the last is measured. A session goes on with one way, on one thread: the first
-/// frames of a turn find caches and branch predictors as twenty other ways left them, which takes up to half as long
-/// again where frames are of microseconds.
+/// Frames of a way in its turn, of the moving scene, of which the last is measured. A session goes on with one way, on one
+/// thread: the first frames of a turn find caches and branch predictors as twenty other ways left them, which takes up
+/// to half as long again where frames are of microseconds. Those of large scenes leave nothing in caches anyhow.
 const TURN: usize = 8;
-/// Frames that are measured: at least so many, and until this time is over, at most so many.
+const TURN_LARGE: usize = 2;
+const LARGE: usize = 32_768;
+/// Turns: at least so many, and until this time is over, at most so many.
 const LEAST_FRAMES: usize = 15;
 const MOST_FRAMES: usize = 200;
 const TIME: Duration = Duration::from_millis(400);
@@ -90,17 +92,23 @@ pub fn measure_case(
     }
     let learned = planned.iter().map(|threads| Planned::learned(case, *threads, pools, isa));
     let mut planned = learned.collect::<Result<Vec<_>>>()?;
+    let turn_frames = if case.n < LARGE { TURN } else { TURN_LARGE };
     for frame in frames(WARM_UP) {
-        // Each frame starts with another way, so that each way runs first equally often: the first
-        // finds the caches as the last frame left them.
+        let step = |_| {
+            scene.step();
+            scene.boxes().to_vec()
+        };
+        let steps: Vec<Vec<Aabb>> = (0..turn_frames).map(step).collect();
+        // Each time starts with another way, so that each way runs first equally often: the first
+        // finds the caches as the last turn left them.
         let count = ways.len() + planned.len();
         let mut first = None;
         for turn in 0..count {
             let turn = (turn + frame) % count;
-            let (boxes, is_noted) = (scene.boxes(), frame >= WARM_UP);
+            let is_noted = frame >= WARM_UP;
             let (engine, pairs) = match turn.checked_sub(ways.len()) {
-                None => (ways[turn].way.engine, ways[turn].turn(boxes, is_noted)?),
-                Some(turn) => planned[turn].turn(boxes, TURN, is_noted)?,
+                None => (ways[turn].way.engine, ways[turn].turn(&steps, is_noted)?),
+                Some(turn) => planned[turn].turn(&steps, is_noted)?,
             };
             let (first, expected) = *first.get_or_insert((engine, pairs));
             if pairs != expected {
@@ -111,7 +119,6 @@ pub fn measure_case(
                 .into());
             }
         }
-        scene.step();
     }
     Ok(CaseTimes { case, ways, planned })
 }
@@ -122,7 +129,7 @@ pub struct Planned {
     pub threads: usize,
     /// Of the last frame.
     pub plan: Plan,
-    /// From the boxes in memory to the last pair on one thread, every frame, planning counted.
+    /// From the boxes in memory to the last pair on one thread, of each turn, planning counted.
     pub total_ns: Vec<u64>,
     engines: CpuEngines,
     isa: AvailableIsa,
@@ -142,21 +149,21 @@ impl Planned {
         let (total_ns, last_pairs) = (Vec::new(), None);
         let mut planned = Self { threads, plan, total_ns, engines, isa, last_pairs, reply, pool };
         for _ in 0..LEARNED_FRAMES {
-            planned.turn(scene.boxes(), 1, false)?;
+            planned.turn(&[scene.boxes()], false)?;
             scene.step();
         }
         Ok(planned)
     }
 
-    /// The engine that answered the last of so many frames, and its pairs.
-    fn turn(&mut self, boxes: &[Aabb], frames: usize, is_noted: bool) -> Result<(EngineName, u64)> {
+    /// The engine that answered the last frame of a turn, and its pairs.
+    fn turn<Boxes: AsRef<[Aabb]> + Sync>(
+        &mut self,
+        steps: &[Boxes],
+        is_noted: bool,
+    ) -> Result<(EngineName, u64)> {
         let pool = self.pool.clone();
-        let mut turn = || {
-            (1..frames).try_for_each(|_| self.frame(boxes).map(|_| ()))?;
-            self.frame(boxes)
-        };
         let (engine, pairs, total_ns) =
-            on(pool.as_ref(), || turn().map_err(|err| err.to_string()))?;
+            on(pool.as_ref(), || last(steps, |boxes| self.frame(boxes)))?;
         if is_noted {
             self.total_ns.push(total_ns);
         }
@@ -176,6 +183,17 @@ impl Planned {
         self.last_pairs = Some(pairs);
         Ok((engine, pairs, total_ns))
     }
+}
+
+/// What the last frame of a turn gives. Errors may cross threads.
+fn last<Boxes: AsRef<[Aabb]>, T>(
+    steps: &[Boxes],
+    mut frame: impl FnMut(&[Aabb]) -> Result<T>,
+) -> std::result::Result<T, String> {
+    let (last, before) = steps.split_last().ok_or("a turn has frames")?;
+    let mut run = |boxes: &Boxes| frame(boxes.as_ref()).map_err(|err| err.to_string());
+    before.iter().try_for_each(|boxes| run(boxes).map(|_| ()))?;
+    run(last)
 }
 
 /// Iterates over the pairs of a mask on this thread, and counts them.
@@ -212,9 +230,9 @@ pub struct Way {
 
 pub struct TimedWay {
     pub way: Way,
-    /// From the boxes in memory to the mask, every frame.
+    /// From the boxes in memory to the mask, of each turn.
     pub engine_ns: Vec<u64>,
-    /// From the mask to the last pair on one thread, every frame.
+    /// From the mask to the last pair on one thread, of each turn.
     decode_ns: Vec<u64>,
     engine: Box<dyn Engine>,
     isa: AvailableIsa,
@@ -224,21 +242,17 @@ pub struct TimedWay {
 }
 
 impl TimedWay {
-    /// Both, every frame.
+    /// Both, of each turn.
     pub fn total_ns(&self) -> Vec<u64> {
         let frames = self.engine_ns.iter().zip(&self.decode_ns);
         frames.map(|(engine, decode)| engine + decode).collect()
     }
 
-    /// The pairs of [`TURN`] frames.
-    fn turn(&mut self, boxes: &[Aabb], is_noted: bool) -> Result<u64> {
+    /// The pairs of the last frame of a turn.
+    fn turn(&mut self, steps: &[Vec<Aabb>], is_noted: bool) -> Result<u64> {
         let pool = self.pool.clone();
-        let mut turn = || {
-            (1..TURN).try_for_each(|_| self.frame(boxes).map(|_| ()))?;
-            self.frame(boxes)
-        };
         let (pairs, [engine_ns, decode_ns]) =
-            on(pool.as_ref(), || turn().map_err(|err| err.to_string()))?;
+            on(pool.as_ref(), || last(steps, |boxes| self.frame(boxes)))?;
         if is_noted {
             self.engine_ns.push(engine_ns);
             self.decode_ns.push(decode_ns);

@@ -1,9 +1,9 @@
-//! The sweep axis: where the boxes are spread widest.
+//! The sweep axis: where fewest boxes are in a window.
 
 use crate::aabb::{Aabb, KeyBox, coordinate, order_key};
 use crate::engine::KeyColumns;
 use crate::floats;
-use crate::stats::{SAMPLE_MOST, sample_indices, window_share};
+use crate::stats::{SAMPLE_MOST, sample_indices, sample_size, window_share};
 
 /// Boxes looked at: the spread is a rough guide, and any axis gives the same pairs.
 const SAMPLE: usize = 1_024;
@@ -11,28 +11,25 @@ const SAMPLE: usize = 1_024;
 /// Boxes whose keys become coordinates together, a register at a time.
 const BLOCK: usize = 64;
 
-/// Boxes of scenes whose windows are sampled too: that takes 10 µs, a tenth of a frame of so many.
-const WINDOWED: usize = 2_048;
+/// Boxes of scenes whose windows are sampled too: that takes 4 to 17 µs, at most a tenth of a frame of so many.
+const WINDOWED: usize = 1_024;
 /// A window is shorter than another by more than chance if it is less than half as long, but for so many sampled boxes.
 const BY_CHANCE: f32 = 3.0;
 
-/// The axis with the largest variance of min coordinates against the mean edge: there the fewest
-/// boxes are in a window. Infinite coordinates do not count. Another axis where sampled boxes show that its windows are
-/// much shorter: a few boxes far away make a variance, and so do a few places. Of the same boxes it is the same axis,
-/// regardless of the flags of this thread, so that the reply is the same.
-pub(super) fn widest(columns: &KeyColumns) -> usize {
+/// The axis along which fewest boxes are in a window: that with the largest variance of min coordinates against the
+/// mean edge, where infinite coordinates do not count; but one whose windows are much shorter among sampled boxes, since a
+/// few boxes far away, or a few places, make a variance too. Of the same boxes it is the same axis, regardless of the
+/// flags of this thread, so that the reply is the same.
+pub(super) fn sweep_axis(columns: &KeyColumns) -> usize {
     floats::with_default(|| {
         let spreads = spreads(columns);
-        let least = |of: [f64; 3]| {
-            (1..3).fold(0, |least, axis| if of[axis] < of[least] { axis } else { least })
-        };
-        let widest = least(spreads.map(|spread| -spread));
+        let widest = (1..3).fold(0, |a, b| if spreads[b] > spreads[a] { b } else { a });
         if columns.len() < WINDOWED {
             return widest;
         }
         let mut sample = [Aabb::EMPTY; SAMPLE_MOST];
         let mut count = 0;
-        for index in sample_indices(SAMPLE_MOST, columns.len()) {
+        for index in sample_indices(sample_size(columns.len()), columns.len()) {
             let min = [0, 1, 2].map(|axis| columns.min(axis)[index]);
             let max = [0, 1, 2].map(|axis| columns.max(axis)[index]);
             if min != KeyBox::NOTHING.min {
@@ -41,8 +38,8 @@ pub(super) fn widest(columns: &KeyColumns) -> usize {
             }
         }
         let windows = [0, 1, 2].map(|axis| window_share(&sample[..count], axis));
-        let shortest = least(windows.map(f64::from));
-        let by_chance = BY_CHANCE / SAMPLE_MOST as f32;
+        let shortest = (1..3).fold(0, |a, b| if windows[b] < windows[a] { b } else { a });
+        let by_chance = BY_CHANCE / count.max(1) as f32;
         if windows[widest] > 2.0 * windows[shortest] + by_chance { shortest } else { widest }
     })
 }
@@ -145,7 +142,7 @@ mod tests {
     fn axis_of(boxes: &[Aabb]) -> usize {
         let mut columns = KeyColumns::default();
         let _ = columns.ingest(boxes, AvailableIsa::best(), &Cancel::never());
-        widest(&columns)
+        sweep_axis(&columns)
     }
 
     /// Boxes along x, which all overlap on the other axes.

@@ -62,7 +62,7 @@ impl Arrangement for Sweep {
         cancel: &Cancel,
     ) -> Result<Census, CullError> {
         let census = self.columns.ingest(boxes, isa, cancel)?;
-        self.axis = axis::widest(&self.columns);
+        self.axis = axis::sweep_axis(&self.columns);
         let n = boxes.len();
         self.order.sort(&self.columns.min(self.axis)[..n], cancel)?;
         self.boxes.resize(n);

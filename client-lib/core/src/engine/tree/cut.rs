@@ -14,7 +14,8 @@ const SMALL: usize = 512;
 const OTHERS_MOST: usize = 128;
 /// Boxes so many times as long as the mean do not count: they meet nearly every group, however it is cut.
 const GIANT: f32 = 4.0;
-/// Largest magnitude that cuts are computed with; products of three, and sums, stay finite in f64.
+/// Largest magnitude that cuts are computed with; products of three, and sums, stay finite in f64. A sample's own edges
+/// are in units of their mean, so that theirs do in f32.
 const LIMIT: f32 = 1e35;
 
 /// A number of a box that a group may be cut by.
@@ -260,7 +261,7 @@ per_isa! {
             for k in 0..6 {
                 sums[k] += numbers[k];
             }
-            longest += longer(numbers[3], longer(numbers[4], numbers[5]));
+            longest += longest_edge(&numbers);
             count += 1.0;
             at += step;
         }
@@ -277,8 +278,8 @@ per_isa! {
         while at < entries.len() {
             let aabb = &entries[at].aabb;
             let numbers = numbers(aabb);
-            let [x, y, z] = [numbers[3] * units, numbers[4] * units, numbers[5] * units];
-            let counts = if longer(x, longer(y, z)) <= GIANT { 1.0 } else { 0.0 };
+            let counts = if longest_edge(&numbers) * units <= GIANT { 1.0 } else { 0.0 };
+            let [x, y, z] = [edge(numbers[3]) * units, edge(numbers[4]) * units, edge(numbers[5]) * units];
             let sums = [1.0, x, y, z, y * z, x * z, x * y, x * y * z];
             for i in 0..8 {
                 own[i] += counts * sums[i];
@@ -291,7 +292,7 @@ per_isa! {
                 parts.highs[k] += is_above as u32;
                 let bounds = &mut parts.sides[k][is_above].0;
                 for i in 0..8 {
-                    bounds[i] = bounds[i].min(corners[i]);
+                    bounds[i] = if corners[i] < bounds[i] { corners[i] } else { bounds[i] };
                 }
             }
             at += step;
@@ -300,10 +301,17 @@ per_isa! {
     }
 }
 
-/// The longer of two edges.
+/// An edge; none of a box at infinity, whose ends are no distance apart.
 #[inline(always)]
-fn longer(a: f32, b: f32) -> f32 {
-    if a > b { a } else { b }
+fn edge(number: f32) -> f32 {
+    if number > 0.0 { number } else { 0.0 }
+}
+
+#[inline(always)]
+fn longest_edge(numbers: &[f32; 6]) -> f32 {
+    let [_, _, _, x, y, z] = numbers.map(edge);
+    let longer = if x > y { x } else { y };
+    if longer > z { longer } else { z }
 }
 
 /// Edges of a box.

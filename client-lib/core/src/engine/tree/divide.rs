@@ -1,7 +1,7 @@
 //! A group's boxes brought before and behind a cut.
 //!
 //! The number that a group is cut by is written out for each box, side by side, so that counting those below a
-//! threshold takes a sixteenth of a cycle or two each. The threshold that has the right number of boxes below it is
+//! threshold takes a cycle or two for each register of them. The threshold that has the right number of boxes below it is
 //! found by counting, and then only boxes that stand on the wrong side are moved, by twos: a quarter of what a
 //! selection moves in each of its passes, and no branch of it depends on a box.
 
@@ -15,6 +15,9 @@ use crate::simd::per_isa;
 
 /// Keys whose bits are looked at together.
 const BLOCK: usize = u64::BITS as usize;
+
+/// Rounds after which a threshold is found where numbers differ, in most groups of a few boxes.
+const FEW_ROUNDS: usize = 8;
 
 /// Brings the `at` boxes with the least numbers to the front, neither none of them nor all; about so many are below the
 /// guess. `keys` has room for one each.
@@ -45,7 +48,7 @@ per_isa! {
     }
 }
 
-/// A key that `at` of the keys, neither none nor all, are below of. `guess` is looked at first. Among equal ones the first
+/// A key that `at` of the keys, neither none nor all, are below. `guess` is looked at first. Among equal ones the first
 /// are lowered where only some of them shall be below.
 fn threshold(
     keys: &mut [i32],
@@ -56,23 +59,28 @@ fn threshold(
 ) -> i32 {
     let (mut below_low, mut below_high) = (0, keys.len());
     let mut next = guess;
-    for round in 0.. {
+    for round in 0usize.. {
         let width = i64::from(high) - i64::from(low);
         if width <= 1 {
             break;
         }
         let probe = next.clamp(low + 1, high - 1);
         let below = count_below(keys, probe, isa);
+        // Nothing lies on one side of it, and not for the first time: what is left may be boxes with the same number.
+        let is_apart = round >= FEW_ROUNDS && (below == below_low || below == below_high);
         match below.cmp(&at) {
             Ordering::Equal => return probe,
             Ordering::Less => (low, below_low) = (probe, below),
             Ordering::Greater => (high, below_high) = (probe, below),
         }
+        if is_apart {
+            [low, high] = range_within(keys, [low, high], isa);
+        }
         // By the counts, which is nearly right where boxes are spread evenly; every other time in the middle, so
         // that it ends elsewhere too.
         let width = i64::from(high) - i64::from(low);
         let step = if round % 2 == 0 {
-            width as i128 * (at - below_low) as i128 / (below_high - below_low) as i128
+            i128::from(width) * (at - below_low) as i128 / (below_high - below_low) as i128
         } else {
             i128::from(width / 2)
         };
@@ -81,6 +89,19 @@ fn threshold(
     let equal = keys.iter_mut().filter(|key| **key == low);
     equal.take(at - below_low).for_each(|key| *key -= 1);
     low
+}
+
+per_isa! {
+    /// Of keys within a range, the least and the one after the largest. There must be some.
+    fn range_within<simd: S>(keys: &[i32], range: [i32; 2]) -> [i32; 2] {
+        let _ = simd;
+        let (mut least, mut most) = (i32::MAX, i32::MIN);
+        for key in keys {
+            least = least.min(if *key >= range[0] { *key } else { i32::MAX });
+            most = most.max(if *key < range[1] { *key } else { i32::MIN });
+        }
+        [least, most + 1]
+    }
 }
 
 per_isa! {
@@ -143,8 +164,8 @@ per_isa! {
                 low = below(&keys[back[0]..back[1]]);
             }
             for _ in 0..high.count_ones().min(low.count_ones()) {
-                let places = [front[0] as u32 + high.trailing_zeros(), back[0] as u32 + low.trailing_zeros()];
-                entries.swap(places[0] as usize, places[1] as usize);
+                let place = front[0] + high.trailing_zeros() as usize;
+                entries.swap(place, back[0] + low.trailing_zeros() as usize);
                 (high, low) = (high & (high - 1), low & (low - 1));
             }
         }
@@ -203,12 +224,13 @@ mod tests {
             let even: Vec<f32> = (0..len).map(|_| next(1.0)).collect();
             let wide: Vec<f32> = (0..len).map(|_| next(1.0).exp()).collect();
             let tied: Vec<f32> = (0..len).map(|_| (next(0.01)).round()).collect();
+            let half: Vec<f32> = (0..len).map(|i| (i % 2) as f32).collect();
             let ends = [f32::NEG_INFINITY, f32::INFINITY, -0.0, 0.0, f32::MAX, f32::MIN];
             let ends: Vec<f32> = (0..len).map(|i| ends[i % ends.len()]).collect();
             let mut sorted = even.clone();
             sorted.sort_by(f32::total_cmp);
             let reversed: Vec<f32> = sorted.iter().rev().copied().collect();
-            for numbers in [even, wide, tied, ends, vec![1.0; len], sorted, reversed] {
+            for numbers in [even, wide, tied, half, ends, vec![1.0; len], sorted, reversed] {
                 check(&entries(numbers.into_iter()), (1..len).step_by(1 + len / 9));
             }
         }
