@@ -261,7 +261,7 @@ per_isa! {
             for k in 0..6 {
                 sums[k] += numbers[k];
             }
-            longest += longest_edge(&numbers);
+            longest += longest_of(own_edges(&numbers));
             count += 1.0;
             at += step;
         }
@@ -271,15 +271,16 @@ per_isa! {
         }
         parts.means = means;
         let unit = longest / count;
-        // Where boxes are points, whatever their edges are counts as none.
+        // Where boxes are points, their edges count as none.
         let units = if unit > f32::MIN_POSITIVE { 1.0 / unit } else { 0.0 };
         let mut own = [0.0f32; 8];
         at = 0;
         while at < entries.len() {
             let aabb = &entries[at].aabb;
             let numbers = numbers(aabb);
-            let counts = if longest_edge(&numbers) * units <= GIANT { 1.0 } else { 0.0 };
-            let [x, y, z] = [edge(numbers[3]) * units, edge(numbers[4]) * units, edge(numbers[5]) * units];
+            let [x, y, z] = own_edges(&numbers);
+            let [x, y, z] = [x * units, y * units, z * units];
+            let counts = if longest_of([x, y, z]) <= GIANT { 1.0 } else { 0.0 };
             let sums = [1.0, x, y, z, y * z, x * z, x * y, x * y * z];
             for i in 0..8 {
                 own[i] += counts * sums[i];
@@ -301,15 +302,15 @@ per_isa! {
     }
 }
 
-/// An edge; none of a box at infinity, whose ends are no distance apart.
+/// The edges among a box's numbers; none where it lies at infinity, and its ends are no distance apart.
 #[inline(always)]
-fn edge(number: f32) -> f32 {
-    if number > 0.0 { number } else { 0.0 }
+fn own_edges(numbers: &[f32; 6]) -> [f32; 3] {
+    let edge = |number: f32| if number > 0.0 { number } else { 0.0 };
+    [edge(numbers[3]), edge(numbers[4]), edge(numbers[5])]
 }
 
 #[inline(always)]
-fn longest_edge(numbers: &[f32; 6]) -> f32 {
-    let [_, _, _, x, y, z] = numbers.map(edge);
+fn longest_of([x, y, z]: [f32; 3]) -> f32 {
     let longer = if x > y { x } else { y };
     if longer > z { longer } else { z }
 }
