@@ -53,7 +53,7 @@ fn known() -> Vec<(&'static str, Recipe)> {
     ]
 }
 
-/// The worst of searches on two cores, 2026-11-28: what is mended later stays mended.
+/// The worst of searches on two cores, 2026-11-28 and 2026-11-30: what is mended later stays mended.
 fn golden() -> Vec<Recipe> {
     let of = |density, axes, decades| Recipe { density, axes, decades, ..Recipe::UNIFORM };
     let long = |recipe, long_share, aspect, turns| Recipe { long_share, aspect, turns, ..recipe };
@@ -78,6 +78,8 @@ fn golden() -> Vec<Recipe> {
         flung(at(of(1.0, 3, 5.0), 1, 1e7), 0.1, 1e3),
         flung(at(long(flat, 0.1, [100.0, 1.0, 0.1], 3), 1, 1e5), 0.1, 1e3),
         flung(at(long(of(1.0, 1, 2.0), 0.01, [1e3, 10.0, 1e-3], 1), 3, 1e3), 0.001, 1e6),
+        giant(flung(at(of(0.1, 1, 2.0), 1, 1e9), 0.001, 1e9)),
+        at(long(of(0.1, 1, 0.0), 1.0, [10.0, 100.0, 1e-3], 2), 50, 1e5),
     ]
 }
 
