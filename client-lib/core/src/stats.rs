@@ -31,8 +31,7 @@ pub struct SceneStats {
     pub median_size: f32,
     /// 90th percentile of the boxes' longest edges.
     pub large_size: f32,
-    /// Share of the boxes that start within a box's extent, on the axis on which that are fewest: the window of a
-    /// sweep.
+    /// Share of the boxes that start within a box's extent, the least of the three axes: the window of a sweep.
     pub window_share: f32,
     /// Mean over the boxes of longest edge / shortest edge, at most 100.
     pub elongation: f32,

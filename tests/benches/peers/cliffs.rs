@@ -241,10 +241,10 @@ fn jitter(boxes: &mut [Aabb], turn: usize) {
     for (i, b) in boxes.iter_mut().enumerate() {
         let edges = [0, 1, 2].map(|axis| b.max[axis] - b.min[axis]);
         let shortest = edges.iter().fold(f32::INFINITY, |a, e| a.min(*e));
-        let farthest = b.min[i % 3].abs().max(b.max[i % 3].abs());
+        let axis = i % 3;
+        let farthest = b.min[axis].abs().max(b.max[axis].abs());
         let step = (shortest / 50.0).max(2.0 * f32::EPSILON * farthest);
         let step = if (i + turn).is_multiple_of(2) { step } else { -step };
-        let axis = i % 3;
         (b.min[axis], b.max[axis]) = (b.min[axis] + step, b.max[axis] + step);
     }
 }
