@@ -239,11 +239,13 @@ fn a_file_of_metrics_is_whole_at_any_time_and_goes_with_the_daemon() {
     let path = folder.join("pairmask.prom");
     let line = format!("--gpu none --metrics-file {}", path.display());
     let (serving, session) = served(&sandbox, &line);
-    let text = eventually("the worker lives by the file", || {
+    // A worker lives before it has counters: what is read in between has only what was known then.
+    let text = eventually("the counters of a worker that lives are in the file", || {
         let text = std::fs::read_to_string(&path).ok()?;
         // Replaced as a whole: it has its last metric whenever it is read.
         assert!(text.contains("pairmask_up{") && text.ends_with('\n'), "{text}");
-        text.contains("pairmask_up{instance=\"default\"} 1\n").then_some(text)
+        let is_alive = text.contains("pairmask_up{instance=\"default\"} 1\n");
+        (is_alive && text.contains("pairmask_frames_total{")).then_some(text)
     });
     // The older format has counters with their suffix, and no units.
     assert!(text.contains("# TYPE pairmask_frames_total counter\n"), "{text}");

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use pairmask_transport::RuntimeDir;
 use pairmask_wire::InstanceName;
 
-use super::{Format, Scrape, text};
+use super::{Format, Known, Scrape, text};
 use crate::serve::{ServeError, StoppedThread};
 
 /// Time between two files: a third of the shortest interval at which collectors usually look.
@@ -46,12 +46,12 @@ impl Drop for MetricsFile {
 
 fn write_until(path: &Path, dir: &RuntimeDir, name: &InstanceName, stop: &AtomicBool) {
     let (mut is_reported, mut due) = (false, Instant::now());
-    let mut was_alive = false;
+    let mut last_known = Known::default();
     while !stop.load(Ordering::Relaxed) {
         let scrape = Scrape::of(dir, name);
-        // A worker that has begun or died is seen at once.
-        if Instant::now() >= due || scrape.is_alive != was_alive {
-            (due, was_alive) = (Instant::now() + INTERVAL, scrape.is_alive);
+        let known = scrape.known();
+        if Instant::now() >= due || known != last_known {
+            (due, last_known) = (Instant::now() + INTERVAL, known);
             let written = replace(path, &text(&[scrape], Format::Prometheus));
             if let Err(error) = written
                 && !std::mem::replace(&mut is_reported, true)

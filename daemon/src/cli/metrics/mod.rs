@@ -42,6 +42,23 @@ impl Scrape {
             sample: dir.read_counters(name).ok().flatten(),
         }
     }
+
+    const fn known(&self) -> Known {
+        Known {
+            is_alive: self.is_alive,
+            has_status: self.status.is_some(),
+            has_counters: self.sample.is_some(),
+        }
+    }
+}
+
+/// Which metrics a scrape has. A worker lives for a moment before it has counters, and a file that was written then
+/// would be without them until the next is due: one whose metrics have come or gone is written at once.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Known {
+    is_alive: bool,
+    has_status: bool,
+    has_counters: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
