@@ -159,20 +159,15 @@ fn sizes(sample: &[Aabb]) -> (f32, f32) {
 /// Mean share of boxes that start within a box's extent on an axis: the window of a sweep along it. Few boxes far away
 /// have no say in it, unlike in a variance. Of at most [`SAMPLE_MOST`] boxes.
 pub(crate) fn window_share(sample: &[Aabb], axis: usize) -> f32 {
-    let mut starts = [0.0; SAMPLE_MOST];
-    let starts = &mut starts[..sample.len()];
+    // What stands behind the sample is in no window.
+    let mut starts = [f32::NAN; SAMPLE_MOST];
     for (start, b) in starts.iter_mut().zip(sample) {
         *start = b.min[axis];
     }
-    starts.sort_unstable_by(f32::total_cmp);
     let mut windows = [0.0f32; SAMPLE_MOST];
     let windows = &mut windows[..sample.len()];
     for (window, b) in windows.iter_mut().zip(sample) {
-        let before = starts.partition_point(|x| *x < b.min[axis]);
-        let ties = starts[before..].partition_point(|x| *x <= b.min[axis]);
-        let in_extent = starts[before..].partition_point(|x| *x <= b.max[axis]);
-        // Of two boxes that start together one is in the window of the other.
-        *window = in_extent as f32 - 0.5 * (ties as f32 + 1.0);
+        *window = 0.5 * (halves_of_window(&starts, b.min[axis], b.max[axis]) as f32 - 1.0);
     }
     if windows.is_empty() {
         return 0.0;
@@ -182,6 +177,18 @@ pub(crate) fn window_share(sample: &[Aabb], axis: usize) -> f32 {
     let most = 1.0 + 2.0 * *windows.select_nth_unstable_by(large, f32::total_cmp).1;
     let sum: f32 = windows.iter().map(|w| w.min(most)).sum();
     sum / (sample.len() * sample.len()) as f32
+}
+
+/// Starts within an interval, those behind its own start twice: of two boxes that start together one is in the window of
+/// the other. All are compared, since each step of a binary search waits for the one before.
+#[inline(always)]
+#[allow(clippy::needless_bitwise_bool)] // A branch would keep the loop from being compiled to SIMD.
+pub(crate) fn halves_of_window(starts: &[f32], start: f32, end: f32) -> u32 {
+    let halves = starts.iter().map(|other| {
+        let is_before_end = *other <= end;
+        u32::from((*other >= start) & is_before_end) + u32::from((*other > start) & is_before_end)
+    });
+    halves.sum()
 }
 
 fn elongation(sample: &[Aabb]) -> f32 {

@@ -58,9 +58,7 @@ impl KeyColumns {
             fill(some, &mut columns, &mut of_some, isa);
             census = census.then(&of_some.behind(first as u32));
         }
-        for (component, column) in columns.iter_mut().enumerate() {
-            let nothing =
-                if component < 3 { KeyBox::NOTHING.min[0] } else { KeyBox::NOTHING.max[0] };
+        for (column, nothing) in columns.iter_mut().zip(KeyBox::NOTHING_KEYS) {
             column[boxes.len()..].fill(nothing);
         }
         Ok(census)
@@ -76,24 +74,12 @@ impl KeyColumns {
         self.len
     }
 
-    /// Keys of the smallest coordinates on an axis (0, 1 or 2), padding included.
-    pub fn min(&self, axis: usize) -> &[i32] {
-        self.component(axis)
-    }
-
-    /// Keys of the largest coordinates on an axis (0, 1 or 2), padding included.
-    pub fn max(&self, axis: usize) -> &[i32] {
-        self.component(3 + axis)
-    }
-
     /// The six key arrays in steps of one mask word: min x, y, z, max x, y, z.
     pub(crate) fn words(&self) -> ColumnWords<'_> {
-        std::array::from_fn(|component| self.component(component).as_chunks().0)
-    }
-
-    #[inline]
-    fn component(&self, component: usize) -> &[i32] {
-        &self.keys.as_slice()[component * self.padded_len..][..self.padded_len]
+        let keys = self.keys.as_slice();
+        std::array::from_fn(|component| {
+            keys[component * self.padded_len..][..self.padded_len].as_chunks().0
+        })
     }
 }
 

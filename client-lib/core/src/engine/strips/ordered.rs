@@ -36,11 +36,14 @@ impl OrderedBoxes {
         }
         self.keys.resize(6 * self.stride);
         self.order.resize(n);
-        let stride = self.stride;
-        for (component, array) in self.keys.as_mut_slice().chunks_exact_mut(stride).enumerate() {
-            let nothing =
-                if component < 3 { KeyBox::NOTHING.min[0] } else { KeyBox::NOTHING.max[0] };
-            array[n..].fill(nothing);
+        self.empty_from(n);
+    }
+
+    /// The boxes from this position on, and the padding, become what overlaps nothing.
+    pub fn empty_from(&mut self, position: usize) {
+        let keys = self.keys.as_mut_slice().chunks_exact_mut(self.stride);
+        for (array, nothing) in keys.zip(KeyBox::NOTHING_KEYS) {
+            array[position..].fill(nothing);
         }
     }
 

@@ -7,19 +7,19 @@
 //! this the engine for scenes of few boxes of very unlike shapes.
 
 mod axis;
+mod copies;
 mod cost;
 mod order;
 mod sweep;
 
+use self::copies::Copies;
 use self::order::SweepOrder;
 use crate::aabb::Aabb;
 use crate::cancel::Cancel;
 use crate::engine::gather::Gather;
 use crate::engine::ordered::{Arrangement, Ordered};
 use crate::engine::strips::{OrderedBoxes, StripTask};
-use crate::engine::{
-    AvailableIsa, Census, CpuEngine, CullError, EngineDescriptor, EngineName, KeyColumns,
-};
+use crate::engine::{AvailableIsa, Census, CpuEngine, CullError, EngineDescriptor, EngineName};
 
 /// `cpu-sap` in the list of engines.
 pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor::of_cpu(
@@ -29,16 +29,13 @@ pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor::of_cpu(
     CpuEngine { make: |isa| Box::new(SweepAndPrune::on(isa)), terms: cost::TERMS },
 );
 
-/// Keys that are gathered between two looks whether anybody waits for the answer: some 100 µs.
-const GATHERED_AT_ONCE: usize = 1 << 15;
-
 /// The engine `cpu-sap`.
 type SweepAndPrune = Ordered<Sweep>;
 
 /// Boxes along the sweep axis.
 #[derive(Default)]
 pub(super) struct Sweep {
-    columns: KeyColumns,
+    copies: Copies,
     order: SweepOrder,
     boxes: OrderedBoxes,
     axis: usize,
@@ -56,33 +53,29 @@ impl Arrangement for Sweep {
     fn arrange(
         &mut self,
         boxes: &[Aabb],
-        _threads: usize,
+        threads: usize,
         _may_hand_over: bool,
         isa: AvailableIsa,
         cancel: &Cancel,
     ) -> Result<Census, CullError> {
-        let census = self.columns.ingest(boxes, isa, cancel)?;
-        self.axis = axis::sweep_axis(&self.columns);
+        self.axis = axis::sweep_axis(boxes, isa);
+        let census = self.copies.make(boxes, self.axis, threads, isa, cancel);
+        if cancel.is_cancelled() {
+            return Err(CullError::Cancelled);
+        }
+        self.order.sort(self.copies.mins(), cancel)?;
         let n = boxes.len();
-        self.order.sort(&self.columns.min(self.axis)[..n], cancel)?;
         self.boxes.resize(n);
         let (keys, order) = self.boxes.parts_mut();
         for (slot, index) in order.iter_mut().zip(self.order.indices()) {
             *slot = index;
         }
-        for (component, array) in keys.into_iter().enumerate() {
-            let axis = component % 3;
-            let of = if component < 3 { self.columns.min(axis) } else { self.columns.max(axis) };
-            let steps = array.chunks_mut(GATHERED_AT_ONCE).zip(order.chunks(GATHERED_AT_ONCE));
-            for (keys, indices) in steps {
-                if n > GATHERED_AT_ONCE && cancel.look() {
-                    return Err(CullError::Cancelled);
-                }
-                for (key, index) in keys.iter_mut().zip(indices) {
-                    *key = of[*index as usize];
-                }
-            }
+        self.copies.gather(order, keys, threads, isa, cancel);
+        if cancel.is_cancelled() {
+            return Err(CullError::Cancelled);
         }
+        // What overlaps nothing stands last.
+        self.boxes.empty_from(census.valid_of(n));
         Ok(census)
     }
 
@@ -95,6 +88,6 @@ impl Arrangement for Sweep {
     }
 
     fn allocated_bytes(&self) -> usize {
-        self.columns.allocated_bytes() + self.order.allocated_bytes() + self.boxes.allocated_bytes()
+        self.copies.allocated_bytes() + self.order.allocated_bytes() + self.boxes.allocated_bytes()
     }
 }
