@@ -8,6 +8,10 @@ use crate::huge_pages;
 pub(super) const NOWHERE: u32 = u32::MAX;
 /// Runs up to this length go to other cells when theirs leave them; longer ones are left until the cells are built anew.
 const REUSED_MOST: usize = 64;
+/// Blocks of a run from which on it has room for one in so many more in the beginning: else each of many would be left by
+/// the first box that comes, and the cells be built anew edit by edit.
+const ROOM_FROM: u32 = 8;
+const ROOM_SHARE: u32 = 4;
 /// Blocks beyond those of the beginning, one for each so many, that may be used before the cells are to be
 /// built anew; and so many more.
 const SPARE_SHARE: usize = 2;
@@ -54,7 +58,8 @@ impl Runs {
         let mut runs = Vec::with_capacity(counts.len());
         huge_pages::prefer(&runs);
         for count in counts {
-            let room = count.div_ceil(SLOTS);
+            let filled = count.div_ceil(SLOTS);
+            let room = filled + if filled < ROOM_FROM { 0 } else { filled / ROOM_SHARE };
             runs.push(Run { start: next, len: 0, room });
             next += room;
         }
@@ -205,5 +210,25 @@ impl Runs {
             + self.blocks.capacity() * size_of::<Block>()
             + self.owners.capacity() * size_of::<u32>()
             + self.free.iter().map(|free| free.capacity() * size_of::<u32>()).sum::<usize>()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_box_for_each_of_many_long_runs_is_no_reason_to_build_them_anew() {
+        for count in [1, 8, 28, 32, 200, 400, 10_000] {
+            let mut runs = Runs::with_room(&[count; 50]);
+            for cell in 0..50 {
+                (0..count).for_each(|_| _ = runs.reserve(cell));
+                if runs.push(cell, Slot::NONE).is_none() {
+                    runs.grow(cell, |_, _, _| ());
+                    assert!(runs.push(cell, Slot::NONE).is_some());
+                }
+            }
+            assert!(!runs.are_spread(), "{count}");
+        }
     }
 }
