@@ -7,7 +7,7 @@ use crate::units::BoxCount;
 
 /// Most boxes looked at: 10 to 20 µs, in scenes whose culling takes twenty times that or more. Large
 /// scenes are the grid's unless they are of an odd shape, which few boxes show.
-pub(crate) const SAMPLE_MOST: usize = 96;
+const SAMPLE_MOST: usize = 96;
 /// Small scenes are sampled less, so that planning stays a small part of them.
 const SAMPLE_LEAST: usize = 32;
 /// One box in so many, between the two.
@@ -121,7 +121,7 @@ impl SceneStats {
 }
 
 /// How many of `n` boxes are looked at.
-pub(crate) fn sample_size(n: usize) -> usize {
+fn sample_size(n: usize) -> usize {
     (n / SAMPLE_SHARE).clamp(SAMPLE_LEAST, SAMPLE_MOST).min(n)
 }
 
@@ -158,7 +158,8 @@ fn sizes(sample: &[Aabb]) -> (f32, f32) {
 
 /// Mean share of boxes that start within a box's extent on an axis: the window of a sweep along it. Few boxes far away
 /// have no say in it, unlike in a variance. Of at most [`SAMPLE_MOST`] boxes.
-pub(crate) fn window_share(sample: &[Aabb], axis: usize) -> f32 {
+#[allow(clippy::needless_bitwise_bool)] // A branch would keep the loop from being compiled to SIMD.
+fn window_share(sample: &[Aabb], axis: usize) -> f32 {
     // What stands behind the sample is in no window.
     let mut starts = [f32::NAN; SAMPLE_MOST];
     for (start, b) in starts.iter_mut().zip(sample) {
@@ -167,7 +168,14 @@ pub(crate) fn window_share(sample: &[Aabb], axis: usize) -> f32 {
     let mut windows = [0.0f32; SAMPLE_MOST];
     let windows = &mut windows[..sample.len()];
     for (window, b) in windows.iter_mut().zip(sample) {
-        *window = 0.5 * (halves_of_window(&starts, b.min[axis], b.max[axis]) as f32 - 1.0);
+        let (start, end) = (b.min[axis], b.max[axis]);
+        // Those behind the start count twice: of two boxes that start together one is in the window of the other.
+        let halves = starts.iter().map(|other| {
+            let is_before_end = *other <= end;
+            u32::from((*other >= start) & is_before_end)
+                + u32::from((*other > start) & is_before_end)
+        });
+        *window = 0.5 * (halves.sum::<u32>() as f32 - 1.0);
     }
     if windows.is_empty() {
         return 0.0;
@@ -177,18 +185,6 @@ pub(crate) fn window_share(sample: &[Aabb], axis: usize) -> f32 {
     let most = 1.0 + 2.0 * *windows.select_nth_unstable_by(large, f32::total_cmp).1;
     let sum: f32 = windows.iter().map(|w| w.min(most)).sum();
     sum / (sample.len() * sample.len()) as f32
-}
-
-/// Starts within an interval, those behind its own start twice: of two boxes that start together one is in the window of
-/// the other. All are compared, since each step of a binary search waits for the one before.
-#[inline(always)]
-#[allow(clippy::needless_bitwise_bool)] // A branch would keep the loop from being compiled to SIMD.
-pub(crate) fn halves_of_window(starts: &[f32], start: f32, end: f32) -> u32 {
-    let halves = starts.iter().map(|other| {
-        let is_before_end = *other <= end;
-        u32::from((*other >= start) & is_before_end) + u32::from((*other > start) & is_before_end)
-    });
-    halves.sum()
 }
 
 fn elongation(sample: &[Aabb]) -> f32 {

@@ -30,7 +30,8 @@ pub(super) trait Arrangement: Default + Send + Sync {
     /// What a task needs to search.
     type Own: Default + Send + Sync;
 
-    /// Reads the boxes, each once, and brings them into order, unless cancelled. What overlaps nothing stands last.
+    /// Reads the boxes, each once but for a sample that only advises, and brings them into order, unless cancelled. What
+    /// overlaps nothing stands last.
     fn arrange(
         &mut self,
         boxes: &[Aabb],

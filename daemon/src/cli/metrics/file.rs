@@ -15,7 +15,7 @@ use crate::serve::{ServeError, StoppedThread};
 
 /// Time between two files: a third of the shortest interval at which collectors usually look.
 const INTERVAL: Duration = Duration::from_secs(5);
-/// A signal to stop is waited for no longer than this.
+/// A signal to stop, or a metric that has come or gone, is noticed within this.
 const LOOK: Duration = Duration::from_millis(500);
 
 /// Other users' collectors read it.

@@ -53,7 +53,7 @@ impl Scrape {
 }
 
 /// Which metrics a scrape has. A worker lives for a moment before it has counters, and a file that was written then
-/// would be without them until the next is due: one whose metrics have come or gone is written at once.
+/// would be without them until the next is due: where metrics have come or gone it is written at the next look.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Known {
     is_alive: bool,

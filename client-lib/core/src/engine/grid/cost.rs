@@ -16,7 +16,7 @@ pub(super) const TERMS: &[CostTerm] = &[
     CostTerm::by_lanes(25.5, |stats, _| stats.boxes()),
     CostTerm::new(2.93, |stats, _| spills(stats)),
     // A box and doubling of the large sizes over the median.
-    CostTerm::by_lanes(2.98, |stats, _| stats.boxes() * doublings(stats).min(DOUBLINGS_MOST)),
+    CostTerm::by_lanes(2.0, |stats, _| stats.boxes() * doublings(stats).min(DOUBLINGS_MOST)),
     // A box and unit of elongation above 2.
     CostTerm::by_lanes(0.938, |stats, _| {
         stats.boxes() * f64::from((stats.elongation - 2.0).max(0.0))

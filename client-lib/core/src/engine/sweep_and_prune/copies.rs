@@ -1,6 +1,7 @@
 //! The engine's own copy of the boxes, and from there into the order of the sweep.
 
 use crate::aabb::{Aabb, order_key};
+use crate::aligned::AlignedBuffer;
 use crate::cancel::{BOX_TESTS, Cancel, Pace};
 use crate::engine::strips::{KeyArraysMut, split_keys};
 use crate::engine::{AvailableIsa, Census, ingest};
@@ -17,10 +18,10 @@ const READ: usize = 8;
 /// Copies of the boxes. Memory is kept from frame to frame.
 #[derive(Default)]
 pub(super) struct Copies {
-    /// One more than there are boxes, see [`gather`].
+    /// One more than there are boxes, so that [`READ`] words of the last one can be read.
     boxes: Vec<Aabb>,
     /// Keys of the min coordinates on the axis.
-    mins: Vec<i32>,
+    mins: AlignedBuffer<i32>,
 }
 
 impl Copies {
@@ -33,10 +34,16 @@ impl Copies {
         isa: AvailableIsa,
         cancel: &Cancel,
     ) -> Census {
-        self.boxes.resize(boxes.len() + 1, Aabb::EMPTY);
-        self.mins.resize(boxes.len(), 0);
-        let copies = &mut self.boxes[..boxes.len()];
-        let work = Sources { boxes, first: 0, copies, mins: &mut self.mins };
+        let room = boxes.len() + 1;
+        if self.boxes.capacity() < room {
+            // The old ones are not worth copying, and the two need not stand in memory together.
+            self.boxes = Vec::new();
+            self.boxes.reserve_exact(room);
+        }
+        self.boxes.resize(room, Aabb::EMPTY);
+        self.mins.resize(boxes.len());
+        let (copies, mins) = (&mut self.boxes[..boxes.len()], self.mins.as_mut_slice());
+        let work = Sources { boxes, first: 0, copies, mins };
         let parts = part_count(work.len(), BLOCKS_LEAST, threads);
         in_parts(work, parts, &|some: Sources<'_>| some.copy(axis, isa, cancel), &|low, high| {
             low.then(&high)
@@ -45,7 +52,7 @@ impl Copies {
 
     /// Keys of the min coordinates on the axis, those of what overlaps nothing behind all others.
     pub fn mins(&self) -> &[i32] {
-        &self.mins
+        self.mins.as_slice()
     }
 
     /// The keys of each position's box, whose index `order` holds, unless cancelled.
@@ -59,19 +66,19 @@ impl Copies {
     ) {
         let work = Positions { order, keys };
         let parts = part_count(work.len(), BLOCKS_LEAST, threads);
-        let gather = |some: Positions<'_>| {
+        let gather_some = |some: Positions<'_>| {
             let (mut rest, mut pace) = (some, Pace::default());
             while rest.len() > 0 && !cancel.look_after(BOX_TESTS * BLOCK as u64, &mut pace) {
                 let (mut block, later) = rest.split_at(1);
-                gather(&self.boxes, block.order, &mut block.keys, isa);
+                gather_block(&self.boxes, block.order, &mut block.keys, isa);
                 rest = later;
             }
         };
-        in_parts(work, parts, &gather, &|(), ()| ());
+        in_parts(work, parts, &gather_some, &|(), ()| ());
     }
 
     pub fn allocated_bytes(&self) -> usize {
-        self.boxes.capacity() * size_of::<Aabb>() + self.mins.capacity() * size_of::<i32>()
+        self.boxes.capacity() * size_of::<Aabb>() + self.mins.allocated_bytes()
     }
 }
 
@@ -147,13 +154,14 @@ impl Split for Positions<'_> {
 per_isa! {
     /// The keys of each position's box, whose index `order` holds. Behind the last box stands one more, whose words
     /// are read and not used.
-    fn gather<simd: S>(boxes: &[Aabb], order: &[u32], keys: &mut KeyArraysMut<'_>) {
+    fn gather_block<simd: S>(boxes: &[Aabb], order: &[u32], keys: &mut KeyArraysMut<'_>) {
         let words: &[i32] = bytemuck::cast_slice(boxes);
         let whole = order.len() / S::LANES * S::LANES;
         for first in (0..whole).step_by(S::LANES) {
             let order = &order[first..first + S::LANES];
             let [coordinates @ .., _, _] = simd.words_of(|i| {
-                words[6 * order[i] as usize..].first_chunk().unwrap_or(&[0; READ])
+                let at = 6 * order[i] as usize;
+                &words[at..at + READ].as_chunks::<READ>().0[0]
             });
             for (array, bits) in keys.iter_mut().zip::<[S::Keys; 6]>(coordinates) {
                 simd.store(simd.order_keys(bits), &mut array[first..first + S::LANES]);

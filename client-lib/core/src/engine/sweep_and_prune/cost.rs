@@ -9,7 +9,7 @@ pub(super) const TERMS: &[CostTerm] = &[
     CostTerm::new(9.0, |stats, _| stats.boxes()),
     CostTerm::new(3.0, |stats, _| spills(stats)),
     // A pair of a sweep's window. Regardless of what the sample says, each pair that is found was in the window.
-    CostTerm::by_lanes(0.4, |stats, _| {
+    CostTerm::by_lanes(0.42, |stats, _| {
         let valid = stats.boxes() * f64::from(stats.valid_share);
         let window = valid * f64::from(stats.window_share);
         (valid * (window + STRIP_WASTE * window.min(1.0))).max(stats.expected_pairs())
@@ -17,4 +17,4 @@ pub(super) const TERMS: &[CostTerm] = &[
 ];
 
 /// Columns of a sweep's window that are compared for nothing: strips are tested whole. Rows without a window have none.
-const STRIP_WASTE: f64 = 8.0;
+const STRIP_WASTE: f64 = 16.0;

@@ -22,6 +22,10 @@ const MOVES_A_BOX: usize = 4;
 /// Moves that insertion has ahead of these, so that it does not give up for the first entries.
 const MOVES_AHEAD: usize = 512;
 
+/// Frames after one in which insertion gave up that do without: boxes mostly go on as they did, and to try takes a tenth of
+/// a frame.
+const UNTRIED: u32 = 7;
+
 /// Most boxes that are dealt into buckets: the counters of more leave the first-level cache.
 const DEALT_MOST: usize = 4_096;
 /// Buckets for each box, about: with so many, one box in eight has another one in its bucket before it
@@ -43,6 +47,8 @@ const MOVED_AT_ONCE: usize = 1 << 15;
 pub(super) struct SweepOrder {
     entries: Vec<Entry>,
     scratch: Vec<Entry>,
+    /// Frames to come that do without insertion.
+    untried: u32,
     counts: Vec<[u32; BUCKETS]>,
     /// Bucket of each box that is dealt.
     buckets: Vec<u16>,
@@ -56,13 +62,16 @@ impl SweepOrder {
     /// # Errors
     /// [`CullError::Cancelled`]: the next sort starts afresh.
     pub fn sort(&mut self, min: &[i32], cancel: &Cancel) -> Result<(), CullError> {
-        if self.entries.len() == min.len() {
+        if self.untried > 0 {
+            self.untried -= 1;
+        } else if self.entries.len() == min.len() {
             for entry in &mut self.entries {
                 *entry = new_entry(min, *entry as u32);
             }
             if insert(&mut self.entries) {
                 return Ok(());
             }
+            self.untried = UNTRIED;
         }
         if (min.len() > DEALT_MOST || !self.deal(min)) && !self.radix_sort(min, cancel) {
             self.entries.clear();

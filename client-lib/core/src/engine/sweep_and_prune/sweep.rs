@@ -19,7 +19,8 @@ pub(super) fn search(
     task.begin();
     let keys = boxes.keys();
     let (mins, maxs) = (keys[axis], keys[3 + axis]);
-    // Rows of a stretch that have a window, of which `row` is the next one, and the next column of it.
+    // The first row of a stretch of 16, those of its rows whose windows are not searched yet, and the next column of the
+    // first of these; 0 before its first.
     let mut stretch = task.rows.start;
     let mut windowed = windowed_rows(mins, maxs, &task.rows, stretch, gather.isa);
     let mut start = 0;
