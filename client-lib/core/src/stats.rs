@@ -5,7 +5,7 @@ use crate::floats;
 use crate::precision::BoxSlice;
 use crate::units::BoxCount;
 
-/// Most boxes looked at: 10 to 20 µs, in scenes whose culling takes twenty times that or more. Large
+/// Most boxes looked at: 8 µs, in scenes whose culling takes twenty times that or more. Large
 /// scenes are the grid's unless they are of an odd shape, which few boxes show.
 const SAMPLE_MOST: usize = 96;
 /// Small scenes are sampled less, so that planning stays a small part of them.

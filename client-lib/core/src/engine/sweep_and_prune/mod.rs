@@ -2,9 +2,10 @@
 //!
 //! Avril, Gouranton and Arnaldi 2009 (§5.1) and 2014 (§4): boxes shared out among threads, each
 //! with storage of its own, merged without locks. The papers compare all pairs; here boxes are
-//! sorted along the axis on which fewest start within another, starting from the order of the last frame (Cohen et al.
-//! 1995), and a row is compared with the window after it, 16 columns a step. Giants cost their own window and nothing more, which makes
-//! this the engine for scenes of few boxes of very unlike shapes.
+//! sorted along the axis on which fewest start within another, beginning with the order of the last
+//! frame (Cohen et al. 1995), and a row is compared with the window after it, 16 columns a step.
+//! Giants cost their own window and nothing more, which makes this the engine for scenes of few boxes,
+//! and of those that lie along a line or in few places.
 
 mod axis;
 mod copies;
