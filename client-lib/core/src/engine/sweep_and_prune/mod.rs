@@ -54,13 +54,13 @@ impl Arrangement for Sweep {
     fn arrange(
         &mut self,
         boxes: &[Aabb],
-        threads: usize,
+        _threads: usize,
         _may_hand_over: bool,
         isa: AvailableIsa,
         cancel: &Cancel,
     ) -> Result<Census, CullError> {
         self.axis = axis::sweep_axis(boxes, isa);
-        let census = self.copies.make(boxes, self.axis, threads, isa, cancel);
+        let census = self.copies.make(boxes, self.axis, isa, cancel);
         if cancel.is_cancelled() {
             return Err(CullError::Cancelled);
         }
@@ -71,7 +71,7 @@ impl Arrangement for Sweep {
         for (slot, index) in order.iter_mut().zip(self.order.indices()) {
             *slot = index;
         }
-        self.copies.gather(order, keys, threads, isa, cancel);
+        self.copies.gather(order, keys, isa, cancel);
         if cancel.is_cancelled() {
             return Err(CullError::Cancelled);
         }
