@@ -42,9 +42,7 @@ pub(super) fn find(
         let mut columns = keys.each_mut().map(|k| &mut k[..boxes.len()]);
         let mut found = Census::default();
         ingest::fill(boxes, &mut columns, &mut found, isa);
-        let named = found.named_invalid().len();
-        found.first_invalid[..named].iter_mut().for_each(|index| *index += first);
-        census = census.then(&found);
+        census = census.then(&found.behind(first));
 
         let valid = keys[0].map(|min_x| min_x != KeyBox::NOTHING.min[0]);
         let mut block_homes = valid.map(|valid| if valid { HOMELESS } else { nothing });

@@ -1,5 +1,6 @@
 //! The engine's own copy of the boxes, and from there into the order of the sweep: by one thread, since others would wait
-//! for what lies in its caches. Two took .9 of its time where these are near each other, and twice as long where not.
+//! for what lies in its caches. With two, frames of 20,000 boxes took .9 of their time where the caches of both are near
+//! each other, and 1.4 times as long where they are far.
 
 use crate::aabb::{Aabb, order_key};
 use crate::aligned::AlignedBuffer;

@@ -71,8 +71,8 @@ fn windowed_rows(
         return 0;
     }
     let all = windowed(&mins[first as usize + 1..], &maxs[first as usize..], isa);
-    let left = rows.end - first;
-    if left < STRIP_COLUMNS as u32 { all & ((1 << left) - 1) } else { all }
+    let left = (rows.end - first).min(STRIP_COLUMNS as u32);
+    all & ((1 << left) - 1)
 }
 
 per_isa! {
