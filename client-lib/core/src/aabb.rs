@@ -269,11 +269,6 @@ pub struct KeyBox {
 impl KeyBox {
     /// Overlaps nothing: every comparison with it fails.
     pub const NOTHING: Self = Self { min: [i32::MAX; 3], max: [i32::MIN; 3] };
-    /// The same in wire order.
-    pub(crate) const NOTHING_KEYS: [i32; 6] = {
-        let Self { min, max } = Self::NOTHING;
-        [min[0], min[1], min[2], max[0], max[1], max[2]]
-    };
 
     /// Keys and class of a box; empty and invalid boxes become [`KeyBox::NOTHING`].
     #[inline]

@@ -6,7 +6,7 @@
 use crate::aabb::{Aabb, KeyBox};
 use crate::aligned::AlignedBuffer;
 use crate::cancel::Cancel;
-use crate::engine::strips::KeyArraysMut;
+use crate::engine::strips::{self, KeyArraysMut};
 use crate::engine::{AvailableIsa, Census, CullError, NAMED_INVALID};
 use crate::simd::{Simd, per_isa};
 
@@ -58,7 +58,7 @@ impl KeyColumns {
             fill(some, &mut columns, &mut of_some, isa);
             census = census.then(&of_some.behind(first as u32));
         }
-        for (column, nothing) in columns.iter_mut().zip(KeyBox::NOTHING_KEYS) {
+        for (column, nothing) in columns.iter_mut().zip(strips::NOTHING) {
             column[boxes.len()..].fill(nothing);
         }
         Ok(census)

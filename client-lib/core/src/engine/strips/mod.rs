@@ -25,6 +25,6 @@ mod words;
 
 pub(crate) use batch::{BATCH_STRIPS, GROUP, STRIP_COLUMNS, StripBatch, StripGroup};
 pub(crate) use block::{BLOCK_LANES, RowBlock, RowSet};
-pub(crate) use ordered::{KeyArraysMut, OrderedBoxes, split_keys};
+pub(crate) use ordered::{KeyArraysMut, NOTHING, OrderedBoxes, split_keys};
 pub(crate) use sink::WordSink;
 pub(crate) use task::StripTask;

@@ -11,6 +11,12 @@ pub(crate) type KeyArrays<'a> = [&'a [i32]; 6];
 /// [`KeyArrays`], to be written.
 pub(crate) type KeyArraysMut<'a> = [&'a mut [i32]; 6];
 
+/// Of each array the key of what overlaps nothing.
+pub(crate) const NOTHING: [i32; 6] = {
+    let KeyBox { min, max } = KeyBox::NOTHING;
+    [min[0], min[1], min[2], max[0], max[1], max[2]]
+};
+
 /// Keys and indices of all boxes by position. Memory is kept from frame to frame.
 ///
 /// Each key array is longer than the boxes by at least [`STRIP_COLUMNS`], so that a strip may
@@ -42,7 +48,7 @@ impl OrderedBoxes {
     /// The boxes from this position on, and the padding, become what overlaps nothing.
     pub fn empty_from(&mut self, position: usize) {
         let keys = self.keys.as_mut_slice().chunks_exact_mut(self.stride);
-        for (array, nothing) in keys.zip(KeyBox::NOTHING_KEYS) {
+        for (array, nothing) in keys.zip(NOTHING) {
             array[position..].fill(nothing);
         }
     }
